@@ -1,0 +1,1 @@
+"""Estimator blocks: the same ports and the same meaning, whatever is inside."""

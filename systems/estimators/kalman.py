@@ -1,0 +1,88 @@
+"""Gaussian filters as estimator blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.estimators.base import Epoch, Estimator, Innovation, Memory, Wiring
+from systems.estimators.start import Start
+from systems.filters.gaussian import GaussianFilter
+from systems.filters.whitening import Whitener
+from systems.measurement.base import MeasurementModel
+from systems.motion.base import MotionModel
+
+__all__ = ["KalmanEstimator"]
+
+Array = NDArray[np.float64]
+
+
+class KalmanEstimator(Estimator):
+    """Any `GaussianFilter` (extended, iterated, unscented, a user's own) behind the common ports.
+
+    Parameters
+    ----------
+    name : str
+        Name of the block.
+    algorithm : GaussianFilter
+        The filter.
+    model, motion, start, wiring
+        See `Estimator`.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        algorithm: GaussianFilter,
+        model: MeasurementModel,
+        motion: MotionModel,
+        start: Start,
+        wiring: Wiring,
+    ) -> None:
+        self.algorithm = algorithm
+        self._whitener = Whitener(model.noise_covariance())
+        super().__init__(name, model, motion, start, wiring)
+
+    def memory_sizes(self) -> Mapping[str, int]:
+        """See `Estimator.memory_sizes`."""
+        n = self.motion.size
+        return {"mean": n, "covariance": n * n}
+
+    def begin(self, mean: Array, covariance: Array, epoch: Epoch) -> Memory:
+        """See `Estimator.begin`."""
+        return {"mean": np.array(mean), "covariance": np.reshape(covariance, (mean.shape[0], -1)).copy()}
+
+    def moments(self, memory: Memory) -> tuple[Array, Array]:
+        """See `Estimator.moments`."""
+        n = self.motion.size
+        return memory["mean"], memory["covariance"].reshape(-1, n, n)
+
+    def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
+        """See `Estimator.move`."""
+        mean, covariance = self.algorithm.predict(*self.moments(memory), self.motion, dt)
+        return {"mean": mean, "covariance": covariance.reshape(mean.shape[0], -1)}
+
+    def correct(
+        self,
+        memory: Memory,
+        measurement: Array,
+        platforms: Array,
+        noise_covariance: Array | None,
+        epoch: Epoch,
+    ) -> tuple[Memory, Innovation]:
+        """See `Estimator.correct`; a trial without a finite belief is set aside and stays so."""
+        mean, covariance = self.moments(memory)
+        whitener = self._whitener if noise_covariance is None else Whitener(noise_covariance)
+        lost = None
+        if not np.isfinite(mean.sum() + covariance.sum()):
+            lost = ~(np.isfinite(mean).all(axis=-1) & np.isfinite(covariance).all(axis=(-1, -2)))
+            mean = np.where(lost[:, None], 1.0, mean)
+            covariance = np.where(lost[:, None, None], np.eye(mean.shape[-1]), covariance)
+            measurement = np.where(lost[:, None], np.nan, measurement)
+        result = self.algorithm.update(mean, covariance, measurement, platforms, self.model, whitener)
+        posterior = {"mean": result.mean, "covariance": result.covariance.reshape(mean.shape[0], -1)}
+        if lost is not None:
+            posterior = {group: np.where(lost[:, None], np.nan, value) for group, value in posterior.items()}
+        return posterior, Innovation(result.innovation, result.nis, result.nis_dof)

@@ -1,0 +1,93 @@
+"""Start from a known-height TDOA fix."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.estimators.start import Start
+from systems.fixes.known_height import Method, known_height_covariance, known_height_fix
+from systems.measurement.base import positive
+from systems.measurement.tdoa import Tdoa
+
+__all__ = ["KnownHeightStart"]
+
+Array = NDArray[np.float64]
+
+
+class KnownHeightStart(Start):
+    """Position from the first TDOAs and an assumed height, velocity zero with a wide spread.
+
+    Section 2.1 of Xu, Su and Wang, doi 10.20079/j.issn.1001-893x.220609005. The assumed height comes on the port
+    ``assumed_height``: connect a constant, or a block that draws it.
+
+    Parameters
+    ----------
+    tdoa : Tdoa
+        The TDOA model that the estimator believes in: two receivers and the reference.
+    stream : sequence of str
+        Names of the rows on the measurement port.
+    sigma_height : float
+        Standard deviation of the assumed height [m].
+    sigma_velocity : float
+        Standard deviation of the velocity per axis [m/s].
+    sigma_satellite : float
+        Standard deviation of a satellite's position per axis [m].
+    method : {'auto', 'closed_form', 'newton'}
+        See `known_height_fix`.
+    """
+
+    uses_measurement = True
+
+    def __init__(
+        self,
+        tdoa: Tdoa,
+        stream: Sequence[str],
+        sigma_height: float,
+        sigma_velocity: float,
+        sigma_satellite: float = 0.0,
+        method: Method = "auto",
+    ) -> None:
+        if tdoa.size != 2:
+            raise ValueError(f"a known-height fix needs two TDOAs, there are {tdoa.size}")
+        absent = [row for row in tdoa.names if row not in stream]
+        if absent:
+            raise ValueError(f"start: rows {absent} are not measured; there are {list(stream)}")
+        self._tdoa = tdoa
+        self._rows = [list(stream).index(row) for row in tdoa.names]
+        self._order = [tdoa.reference, *tdoa.receivers]
+        self._sigma_height = positive(sigma_height, "sigma_height", "m")
+        self._sigma_velocity = positive(sigma_velocity, "sigma_velocity", "m/s")
+        self._sigma_satellite = sigma_satellite
+        self._method: Method = method
+
+    @property
+    def inputs(self) -> Mapping[str, int]:
+        """See `Start`."""
+        return {"assumed_height": 1}
+
+    def begin(
+        self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]
+    ) -> tuple[Array, Array]:
+        """See `Start.begin`."""
+        satellites = platforms[..., self._order, :]
+        height = inputs["assumed_height"][:, 0]
+        position = known_height_fix(measurement[:, self._rows], satellites, height, self._method)
+        mean = np.concatenate([position, np.where(np.isfinite(position), 0.0, np.nan)], axis=-1)
+        return mean, self.covariance_at(mean, platforms)
+
+    def covariance_at(self, target: Array, platforms: Array) -> Array:
+        """Return the covariance of the start for a target at `target`, shape (..., 6, 6)."""
+        covariance = np.zeros((*target.shape[:-1], 6, 6))
+        covariance[..., :3, :3] = known_height_covariance(
+            target,
+            platforms[..., self._order, :],
+            self._tdoa.sigma,
+            self._sigma_height,
+            self._sigma_satellite,
+            self._tdoa.correlated,
+        )
+        covariance[..., 3:, 3:] = self._sigma_velocity**2 * np.eye(3)
+        return covariance

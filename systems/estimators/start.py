@@ -1,0 +1,98 @@
+"""How an estimator starts: from a given belief, from a port, or from its first measurement."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["GivenStart", "PortStart", "Start"]
+
+Array = NDArray[np.float64]
+
+
+class Start(ABC):
+    """Makes the first belief of an estimator.
+
+    Attributes
+    ----------
+    uses_measurement : bool
+        True where the belief is made from the measurement of the same instant, which is then not used again.
+    inputs : mapping of str to int
+        Further input ports that the estimator declares for its start, with their sizes.
+    """
+
+    uses_measurement: bool = False
+
+    @property
+    def inputs(self) -> Mapping[str, int]:
+        """See the class."""
+        return {}
+
+    @abstractmethod
+    def begin(
+        self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]
+    ) -> tuple[Array, Array]:
+        """Return mean (trials, n) and covariance (trials, n, n); NaN in a trial that cannot start yet.
+
+        Parameters
+        ----------
+        measurement : ndarray, shape (trials, rows)
+            Everything that the measurement port carries at this instant.
+        platforms : ndarray, shape (1 or trials, p, 6)
+            Known carriers.
+        inputs : mapping of str to ndarray, shape (trials, size)
+            What the ports named by `inputs` carry.
+        """
+
+
+class GivenStart(Start):
+    """Start every trial from one belief.
+
+    Parameters
+    ----------
+    mean : array_like, shape (n,) or (trials, n)
+    covariance : array_like, shape (n, n) or (trials, n, n)
+    """
+
+    def __init__(self, mean: ArrayLike, covariance: ArrayLike) -> None:
+        self._mean = np.array(mean, dtype=float)
+        self._covariance = np.array(covariance, dtype=float)
+        n = self._mean.shape[-1]
+        if self._covariance.shape[-2:] != (n, n):
+            raise ValueError(f"start: covariance {self._covariance.shape} does not fit a mean of {n} states")
+
+    def begin(
+        self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]
+    ) -> tuple[Array, Array]:
+        """See `Start.begin`."""
+        trials, n = measurement.shape[0], self._mean.shape[-1]
+        return np.broadcast_to(self._mean, (trials, n)), np.broadcast_to(self._covariance, (trials, n, n))
+
+
+class PortStart(Start):
+    """Start from a prior mean that arrives on the port ``initial_estimate``, with a given covariance.
+
+    Connect a block that draws it around the truth (a prior is a measurement made before the run).
+
+    Parameters
+    ----------
+    covariance : array_like, shape (n, n)
+    """
+
+    def __init__(self, covariance: ArrayLike) -> None:
+        self._covariance = np.array(covariance, dtype=float)
+
+    @property
+    def inputs(self) -> Mapping[str, int]:
+        """See `Start`."""
+        return {"initial_estimate": self._covariance.shape[-1]}
+
+    def begin(
+        self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]
+    ) -> tuple[Array, Array]:
+        """See `Start.begin`."""
+        mean = inputs["initial_estimate"]
+        return mean, np.broadcast_to(self._covariance, (mean.shape[0], *self._covariance.shape))

@@ -1,0 +1,1 @@
+"""Estimators as pure functions of (mean, covariance) over leading axes; they know nothing of Drake."""

@@ -1,0 +1,69 @@
+"""What a Gaussian filter is: a prediction and an update of (mean, covariance), over trials at once."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.filters.linear_algebra import symmetric
+from systems.filters.square_root import Posterior
+from systems.filters.whitening import Whitener
+from systems.measurement.base import MeasurementModel
+from systems.motion.base import MotionModel
+
+__all__ = ["GaussianFilter", "predict_extended", "take"]
+
+Array = NDArray[np.float64]
+
+
+class GaussianFilter(ABC):
+    """A filter whose belief is a mean (trials, n) and a covariance (trials, n, n)."""
+
+    def predict(self, mean: Array, covariance: Array, motion: MotionModel, dt: float) -> tuple[Array, Array]:
+        """Return mean and covariance `dt` seconds later; by default the extended Kalman prediction."""
+        return predict_extended(mean, covariance, motion, dt)
+
+    @abstractmethod
+    def update(
+        self,
+        mean: Array,
+        covariance: Array,
+        measurement: Array,
+        platforms: Array,
+        model: MeasurementModel,
+        whitener: Whitener,
+    ) -> Posterior:
+        """Return the posterior given a measurement.
+
+        Parameters
+        ----------
+        mean, covariance : ndarray, shapes (trials, n) and (trials, n, n)
+            Prior, finite.
+        measurement : ndarray, shape (trials, m)
+            NaN where a row is missing: that row is left out in that trial.
+        platforms : ndarray, shape (1 or trials, p, 6)
+            Known carriers.
+        model : MeasurementModel
+            What the filter believes of the sensor.
+        whitener : Whitener
+            The noise covariance that the filter believes in, factored.
+        """
+
+
+def predict_extended(
+    mean: Array, covariance: Array, motion: MotionModel, dt: float
+) -> tuple[Array, Array]:
+    r"""Predict by the motion model and its derivative: :math:`P \leftarrow \Phi P \Phi^T + Q`.
+
+    Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, ch. 5 and 10.
+    """
+    phi = motion.transition(mean, dt)
+    spread = phi @ covariance @ np.swapaxes(phi, -1, -2)
+    return motion.propagate(mean, dt), symmetric(spread) + motion.process_noise(mean, dt)
+
+
+def take(platforms: Array, rows: Array) -> Array:
+    """Return the platforms of some trials; those that all trials share stay as they are."""
+    return platforms if platforms.shape[0] == 1 else platforms[rows]

@@ -1,0 +1,128 @@
+"""The unscented Kalman filter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.filters.gaussian import GaussianFilter, predict_extended
+from systems.filters.linear_algebra import cholesky, symmetric
+from systems.filters.square_root import Gains, Posterior, statistic
+from systems.filters.whitening import Whitener, missing_rows
+from systems.measurement.base import MeasurementModel
+from systems.motion.base import MotionModel
+
+__all__ = ["UnscentedKalman"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class UnscentedKalman(GaussianFilter):
+    r"""Sigma points :math:`\bar x,\ \bar x \pm c L e_i` with :math:`c^2 = \alpha^2 (n + \kappa)`.
+
+    Julier and Uhlmann, *Unscented filtering and nonlinear estimation*, Proc. IEEE 92 (2004) 401-422; scaled form of
+    Wan and van der Merwe (2000). The defaults are the cubature rule: 2 n equal points, centre without weight.
+    The points are drawn anew from the predicted covariance for the update.
+
+    Parameters
+    ----------
+    alpha, beta, kappa : float
+        Spread (> 0), weight of the centre in the covariance, secondary scaling (n + kappa > 0).
+
+    Notes
+    -----
+    The update is written so that it cannot lose definiteness. With :math:`\Delta_i^\pm = h(\bar x \pm c L e_i) -
+    h(\bar x)`, odd part :math:`Y e_i = (\Delta_i^+ - \Delta_i^-)/2c` and even part
+    :math:`g_i = (\Delta_i^+ + \Delta_i^-)/2`, one has :math:`P_{xz} = L Y^T` and :math:`P_{zz} = Y Y^T + \Omega`,
+    :math:`\Omega = \sum_i (g_i - \bar g)(g_i - \bar g)^T/c^2 + w_0\,\bar g\bar g^T`: statistical linearisation
+    with the noise :math:`R + \Omega`, which `Gains` takes as it is.
+    """
+
+    alpha: float = 1.0
+    beta: float = 0.0
+    kappa: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        if not (math.isfinite(self.alpha) and self.alpha > 0):
+            raise ValueError(f"alpha: {self.alpha} is not allowed; a finite number > 0")
+        for name in ("beta", "kappa"):
+            if not math.isfinite(getattr(self, name)):
+                raise ValueError(f"{name}: {getattr(self, name)} is not allowed; a finite number")
+
+    def _weights(self, n: int) -> tuple[float, float, float]:
+        """Return c, the weight of an outer point, and the centre's weight in a covariance."""
+        if n + self.kappa <= 0:
+            raise ValueError(f"kappa: {self.kappa} is not allowed; it must be > -{n}, the number of states")
+        c2 = self.alpha**2 * (n + self.kappa)
+        return math.sqrt(c2), 0.5 / c2, 2.0 - n / c2 - self.alpha**2 + self.beta
+
+    def predict(self, mean: Array, covariance: Array, motion: MotionModel, dt: float) -> tuple[Array, Array]:
+        """See `GaussianFilter.predict`; in closed form where the motion is linear."""
+        if motion.linear:
+            return predict_extended(mean, covariance, motion, dt)
+        c, weight, centre = self._weights(mean.shape[-1])
+        spread = c * np.swapaxes(cholesky(covariance), -1, -2)
+        wide = mean[..., None, :]
+        middle = motion.propagate(mean, dt)[..., None, :]
+        plus = motion.propagate(wide + spread, dt) - middle
+        minus = motion.propagate(wide - spread, dt) - middle
+        shift = weight * (plus + minus).sum(axis=-2, keepdims=True)
+        moved = np.concatenate([plus - shift, minus - shift], axis=-2)
+        predicted = weight * (np.swapaxes(moved, -1, -2) @ moved)
+        predicted += centre * np.swapaxes(shift, -1, -2) * shift
+        predicted = symmetric(predicted) + motion.process_noise(mean, dt)
+        return (middle + shift)[..., 0, :], predicted
+
+    def update(
+        self,
+        mean: Array,
+        covariance: Array,
+        measurement: Array,
+        platforms: Array,
+        model: MeasurementModel,
+        whitener: Whitener,
+    ) -> Posterior:
+        """See `GaussianFilter.update`."""
+        n = mean.shape[-1]
+        c, weight, centre = self._weights(n)
+        root = cholesky(covariance)
+        spread = c * np.swapaxes(root, -1, -2)
+        wide = mean[..., None, :]
+        points = np.concatenate([wide, wide + spread, wide - spread], axis=-2)
+        values = model.predict(points, platforms[:, None])
+        middle = values[..., :1, :]
+        plus = model.residual(values[..., 1 : n + 1, :], middle)
+        minus = model.residual(values[..., n + 1 :, :], middle)
+        even = 0.5 * (plus + minus)
+        shift = 2 * weight * even.sum(axis=-2)
+        innovation = model.residual(measurement, middle[..., 0, :]) - shift
+
+        missing = missing_rows(innovation, plus.sum(axis=-2), minus.sum(axis=-2))
+        odd = (plus - minus) / (2 * c)
+        if missing is not None:
+            innovation = np.where(missing, 0.0, innovation)
+            odd, even = (np.where(missing[..., None, :], 0.0, part) for part in (odd, even))
+            shift = np.where(missing, 0.0, shift)
+        w = whitener.matrix(missing)
+        rows = w @ np.swapaxes(odd, -1, -2)
+        curved = np.einsum("...ij,...kj->...ki", w, even - shift[..., None, :])
+        bend = np.einsum("...ij,...j->...i", w, shift)
+        omega = 2 * weight * (np.swapaxes(curved, -1, -2) @ curved)
+        omega += centre * bend[..., :, None] * bend[..., None, :]
+        extra = np.linalg.inv(cholesky(np.eye(model.size) + omega))
+        rows = extra @ rows
+        whitened = np.einsum("...ij,...j->...i", extra @ w, innovation)
+        gain = Gains(root, rows)
+        nis = statistic(rows, whitened)
+        if missing is None:
+            used = np.full(mean.shape[0], float(model.size))
+        else:
+            innovation = np.where(missing, np.nan, innovation)
+            used = np.count_nonzero(~missing, axis=-1).astype(float)
+            nis = np.where(used > 0, nis, np.nan)
+        return Posterior(mean + gain.correction(whitened), gain.covariance(), innovation, nis, used)

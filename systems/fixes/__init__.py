@@ -1,0 +1,1 @@
+"""Fixes: a position from one epoch's measurements, with its covariance."""

@@ -1,0 +1,249 @@
+r"""Position from two TDOAs and an assumed height.
+
+With :math:`q = p - s_0`, :math:`D_i = s_i - s_0`, :math:`d_i = c\tau_{i0}`, squaring :math:`r_i = r_0 + d_i` gives
+:math:`D_i\cdot q = (|D_i|^2 - d_i^2)/2 - d_i r_0`, so :math:`q = a + b r_0 + t n` with n normal to both baselines. The
+sphere :math:`|q + s_0| = R` makes t a quadratic in :math:`r_0`, and :math:`|q| = r_0` then a quartic. Newton's method on
+:math:`[c\tau_1, c\tau_2, h]` refines its root from the sphere to the WGS-84 ellipsoid, and stands alone where the
+quartic degenerates: satellites in one line, or in one plane with the centre of the Earth.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.frames import ecef_to_geodetic, geodetic_to_ecef, up
+from systems.measurement.base import SPEED_OF_LIGHT, differenced_covariance
+from systems.measurement.geometry import line_of_sight
+
+__all__ = ["DegenerateFormationError", "has_closed_form", "known_height_covariance", "known_height_fix"]
+
+Array = NDArray[np.float64]
+Method = Literal["auto", "closed_form", "newton"]
+
+_SMALLEST_SINE = 1e-3  # below it the quartic loses more digits than Newton needs
+_LARGEST_STEP = 300e3  # m; Newton from the sub-satellite point converges for every visible target with it
+_ITERATIONS = 30
+_CONVERGED = 1e-5  # m
+_SCALE = 1e6  # m; the quartic's coefficients differ by 1e28 in metres
+
+
+class DegenerateFormationError(ValueError):
+    """The formation has no closed-form solution."""
+
+
+def has_closed_form(satellites: Array) -> NDArray[np.bool_]:
+    """Return whether three satellites (..., 3, >=3) span a plane that misses the Earth's centre clearly."""
+    s = satellites[..., :3]
+    d1, d2 = s[..., 1, :] - s[..., 0, :], s[..., 2, :] - s[..., 0, :]
+    normal = np.cross(d1, d2)
+    size = np.linalg.norm(normal, axis=-1)
+    lengths = np.linalg.norm(d1, axis=-1) * np.linalg.norm(d2, axis=-1)
+    out_of_plane = np.abs(np.einsum("...i,...i->...", normal, s[..., 0, :]))
+    reach = np.linalg.norm(s[..., 0, :], axis=-1) * np.where(size > 0, size, 1.0)
+    return (size > _SMALLEST_SINE * lengths) & (out_of_plane > _SMALLEST_SINE * reach)
+
+
+def known_height_fix(
+    delays: Array, satellites: Array, height: Array, method: Method = "auto", start: Array | None = None
+) -> Array:
+    """Return the Earth-fixed position that two TDOAs and a height mean.
+
+    Parameters
+    ----------
+    delays : ndarray, shape (trials, 2)
+        TDOA of satellites 1 and 2 against satellite 0 [s].
+    satellites : ndarray, shape (1 or trials, 3, >= 3)
+        Earth-fixed positions first [m].
+    height : ndarray, shape (trials,)
+        Height above the WGS-84 ellipsoid [m].
+    method : {'auto', 'closed_form', 'newton'}
+        'auto': the quartic where the formation has one, else Newton from the sub-satellite point.
+    start : ndarray, shape (trials, 3), optional
+        Where Newton starts (a filter's prediction, say); the quartic is then not needed.
+
+    Returns
+    -------
+    ndarray, shape (trials, 3)
+        NaN where there is no solution from which all three satellites are above the horizon.
+
+    Raises
+    ------
+    DegenerateFormationError
+        For 'closed_form' with a collinear formation, or one in a plane through the Earth's centre.
+    """
+    delays = np.asarray(delays, dtype=float)
+    height = np.broadcast_to(np.asarray(height, dtype=float), delays.shape[:1])
+    satellites = np.asarray(satellites, dtype=float)[..., :3]
+    if start is None:
+        closed = bool(np.all(has_closed_form(satellites)))
+        if method == "closed_form" and not closed:
+            raise DegenerateFormationError(
+                "the satellites are collinear, or in one plane with the Earth's centre: this formation has no "
+                "closed form; use method 'newton' or 'auto'"
+            )
+        if closed and method != "newton":
+            start = _quartic(delays, satellites, height)
+        else:
+            start = np.broadcast_to(_below(satellites[..., 0, :], height), (delays.shape[0], 3))
+    position = _newton(delays, satellites, height, start)
+    with np.errstate(invalid="ignore"):
+        offset = satellites - position[:, None, :]
+        seen = np.einsum("...i,...i->...", offset, up(position)[:, None, :]) > 0
+    return np.where(seen.all(axis=-1)[:, None], position, np.nan)
+
+
+def _below(satellite: Array, height: Array) -> Array:
+    latitude, longitude, _ = ecef_to_geodetic(satellite)
+    return geodetic_to_ecef(latitude, longitude, height)
+
+
+def _newton(delays: Array, satellites: Array, height: Array, start: Array) -> Array:
+    """Solve for [c tau1, c tau2, h]; each trial stops when it has converged."""
+    position = np.array(start, dtype=float)
+    ranges = SPEED_OF_LIGHT * delays
+    active = np.flatnonzero(np.isfinite(position).all(axis=-1) & np.isfinite(ranges).all(axis=-1))
+    failed = np.ones(position.shape[0], dtype=bool)
+    for _ in range(_ITERATIONS):
+        if active.size == 0:
+            break
+        p = position[active]
+        s = satellites if satellites.shape[0] == 1 else satellites[active]
+        offset = p[:, None, :] - s
+        distance = np.linalg.norm(offset, axis=-1)
+        u = offset / distance[..., None]
+        residual = np.empty((active.size, 3))
+        residual[:, :2] = ranges[active] - (distance[:, 1:] - distance[:, :1])
+        residual[:, 2] = height[active] - ecef_to_geodetic(p)[2]
+        gradient = np.concatenate([u[:, 1:] - u[:, :1], up(p)[:, None, :]], axis=1)
+        singular = np.abs(np.linalg.det(gradient)) < 1e-12
+        gradient[singular] = np.eye(3)
+        step = np.linalg.solve(gradient, residual[..., None])[..., 0]
+        size = np.linalg.norm(step, axis=-1)
+        step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(size, 1.0))[:, None]
+        position[active] = p + step
+        done = (size < _CONVERGED) & ~singular
+        failed[active[done]] = False
+        active = active[~done & np.isfinite(size)]
+    position[failed] = np.nan
+    return position
+
+
+def _quartic(delays: Array, satellites: Array, height: Array) -> Array:
+    """Return the visible root of the quartic on a sphere, corrected once towards the ellipsoid."""
+    s0 = satellites[:, 0, :] / _SCALE
+    base = (satellites[:, 1:, :] - satellites[:, :1, :]) / _SCALE
+    d = SPEED_OF_LIGHT * delays / _SCALE
+    gram = base @ np.swapaxes(base, -1, -2)
+    normal = np.cross(base[:, 0], base[:, 1])
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    right = np.stack([0.5 * (np.einsum("...ij,...ij->...i", base, base) - d**2), -d], axis=-1)
+    solved = np.linalg.solve(np.broadcast_to(gram, (d.shape[0], 2, 2)), right)
+    a, b = np.einsum("tki,tkj->jti", np.broadcast_to(base, (d.shape[0], 2, 3)), solved)
+
+    position = np.full((d.shape[0], 3), np.nan)
+    below = _below(satellites[:, 0, :], np.zeros(1))
+    radius = (np.linalg.norm(below, axis=-1) + height) / _SCALE
+    for _ in range(2):  # the second time with the Earth's radius under the first solution
+        r0, t = _roots(a, b, normal, s0, radius)
+        q = a[:, None, :] + b[:, None, :] * r0[..., None] + t[..., None] * normal[:, None, :]
+        p = (q + s0[:, None, :]) * _SCALE
+        position = _visible_root(p, r0, satellites, delays)
+        with np.errstate(invalid="ignore"):
+            error = height - ecef_to_geodetic(position)[2]
+        radius = np.where(np.isfinite(error), (np.linalg.norm(position, axis=-1) + error) / _SCALE, radius)
+    return position
+
+
+def _roots(a: Array, b: Array, n: Array, s0: Array, radius: Array) -> tuple[Array, Array]:
+    """Return the four r0 and t of each trial; NaN where a root is complex or not positive."""
+
+    def dot(x: Array, y: Array) -> Array:
+        return np.einsum("...i,...i->...", x, y)
+
+    # t = t2 r0^2 + t1 r0 + t0 from the sphere, then |a + b r0|^2 + t^2 = r0^2.
+    scale = 2 * dot(s0, n)
+    t2, t1 = -1 / scale, -2 * dot(s0, b) / scale
+    t0 = (radius**2 - dot(s0, s0) - 2 * dot(s0, a)) / scale
+    t2 = np.broadcast_to(t2, t0.shape)
+    lead = t2**2
+    rest = np.stack(
+        [
+            2 * t2 * t1,
+            t1**2 + 2 * t2 * t0 + dot(b, b) - 1,
+            2 * t1 * t0 + 2 * dot(a, b),
+            t0**2 + dot(a, a),
+        ],
+        axis=-1,
+    )
+    finite = np.isfinite(rest).all(axis=-1)
+    companion = np.zeros((*t0.shape, 4, 4))
+    companion[..., 1:, :3] = np.eye(3)
+    companion[..., 0, :] = np.where(finite[..., None], -rest / lead[..., None], 1.0)
+    roots = np.linalg.eigvals(companion)
+    good = (np.abs(roots.imag) < 1e-6 * np.abs(roots)) & (roots.real > 0) & finite[..., None]
+    r0 = np.where(good, roots.real, np.nan)
+    return r0, t2[..., None] * r0**2 + t1[..., None] * r0 + t0[..., None]
+
+
+def _visible_root(p: Array, r0: Array, satellites: Array, delays: Array) -> Array:
+    """Pick the root that solves the unsquared equations and sees all satellites."""
+    offset = p[:, :, None, :] - satellites[:, None, :, :]
+    distance = np.linalg.norm(offset, axis=-1)
+    misfit = np.abs(distance[..., 1:] - distance[..., :1] - SPEED_OF_LIGHT * delays[:, None, :]).sum(axis=-1)
+    seen = (np.einsum("...i,...i->...", -offset, p[:, :, None, :]) > 0).all(axis=-1)
+    cost = np.where(np.isfinite(misfit) & seen & (misfit < 1.0), misfit, np.inf)
+    best = np.argmin(cost, axis=-1)
+    rows = np.arange(p.shape[0])
+    return np.where(np.isfinite(cost[rows, best])[:, None], p[rows, best], np.nan)
+
+
+def known_height_covariance(
+    position: Array,
+    satellites: Array,
+    sigma_delay: float,
+    sigma_height: float,
+    sigma_satellite: float = 0.0,
+    correlated: bool = False,
+) -> Array:
+    r"""Return the covariance P1 of the known-height fix.
+
+    .. math:: P_1 = G^{-1} C\, G^{-T}, \qquad G = [u_1 - u_0;\ u_2 - u_0;\ \text{up}], \qquad
+       C = \operatorname{diag}(c^2 R_\tau + \sigma_s^2 (I + 1 1^T),\ \sigma_h^2)
+
+    u is the unit vector from satellite to target; :math:`R_\tau` as in `differenced_covariance`. Derived by
+    differentiating the three equations; satellite 0's error is in both differences.
+
+    Parameters
+    ----------
+    position : ndarray, shape (..., >= 3)
+        Earth-fixed position of the fix [m].
+    satellites : ndarray, shape (..., 3, 6)
+        Satellites' Earth-fixed states.
+    sigma_delay : float
+        Standard deviation of one TDOA [s].
+    sigma_height : float
+        Standard deviation of the assumed height [m].
+    sigma_satellite : float
+        Standard deviation of a satellite's position per axis [m].
+    correlated : bool
+        TDOA errors correlated through the reference.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+    """
+    target = np.concatenate([position[..., :3], np.zeros_like(position[..., :3])], axis=-1)
+    u = line_of_sight(target, satellites).direction
+    gradient = np.concatenate([u[..., 1:, :] - u[..., :1, :], up(target[..., :3])[..., None, :]], axis=-2)
+    c = np.zeros((3, 3))
+    c[:2, :2] = SPEED_OF_LIGHT**2 * differenced_covariance(sigma_delay, 2, correlated)
+    c[:2, :2] += sigma_satellite**2 * (np.eye(2) + np.ones((2, 2)))
+    c[2, 2] = sigma_height**2
+    finite = np.isfinite(gradient).all(axis=(-1, -2))
+    inverse = np.linalg.inv(np.where(finite[..., None, None], gradient, np.eye(3)))
+    # The square root of C keeps the product symmetric and definite although it is nearly of rank one.
+    half = inverse @ np.linalg.cholesky(c)
+    return np.where(finite[..., None, None], half @ np.swapaxes(half, -1, -2), np.nan)

@@ -1,0 +1,1 @@
+"""Measurement models: what a sensor would read, and its Jacobian. Pure NumPy over leading axes."""

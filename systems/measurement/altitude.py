@@ -1,0 +1,49 @@
+"""Height above the WGS-84 ellipsoid as a measurement: an assumed height, or a barometric altitude."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.frames import ecef_to_geodetic, up
+from systems.measurement.base import MeasurementModel, positive
+
+__all__ = ["Altitude"]
+
+Array = NDArray[np.float64]
+
+
+class Altitude(MeasurementModel):
+    r"""Geodetic height of the target; the gradient is the ellipsoid's outward normal.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation [m].
+    name : str
+        Name of the row.
+    """
+
+    units = ("m",)
+
+    def __init__(self, sigma: float, name: str = "altitude") -> None:
+        self.sigma = positive(sigma, "sigma_altitude", "m")
+        self.names = (name,)
+
+    def predict(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.predict`."""
+        return ecef_to_geodetic(target[..., :3])[2][..., None]
+
+    def jacobian(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.jacobian`."""
+        jacobian = np.zeros((*target.shape[:-1], 1, target.shape[-1]))
+        jacobian[..., 0, :3] = up(target[..., :3])
+        return jacobian
+
+    def noise_covariance(self) -> Array:
+        """See `MeasurementModel.noise_covariance`."""
+        return np.array([[self.sigma**2]])
+
+    def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
+        """No platform is needed."""
+        return np.zeros((1, platforms), dtype=bool)

@@ -1,0 +1,100 @@
+"""What a measurement model is."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["SPEED_OF_LIGHT", "MeasurementModel", "differenced_covariance", "positive"]
+
+Array = NDArray[np.float64]
+
+SPEED_OF_LIGHT = 299_792_458.0
+"""Speed of light in vacuum [m/s]."""
+
+
+class MeasurementModel(ABC):
+    """What a sensor reads of a target, seen from known platforms.
+
+    All methods work over leading axes: `target` is (..., n) with Earth-fixed position [m] and velocity [m/s] in
+    the first six components, `platforms` is (..., p, 6) and broadcasts against it.
+
+    Attributes
+    ----------
+    names, units : tuple of str
+        Names and SI units of the rows.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.names)
+
+    @abstractmethod
+    def predict(self, target: Array, platforms: Array) -> Array:
+        """Return the noise-free measurement, shape (..., m)."""
+
+    @abstractmethod
+    def jacobian(self, target: Array, platforms: Array) -> Array:
+        """Return the derivative of `predict` with respect to the target's state, shape (..., m, n)."""
+
+    @abstractmethod
+    def noise_covariance(self) -> Array:
+        """Return the covariance of the measurement noise, shape (m, m)."""
+
+    def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
+        """Return `predict` and `jacobian`; a model whose two share work overrides this."""
+        return self.predict(target, platforms), self.jacobian(target, platforms)
+
+    def residual(self, measured: Array, predicted: Array) -> Array:
+        """Return ``measured - predicted``; models of angles and wrapped phases wrap it."""
+        return measured - predicted
+
+    def represent(self, value: Array) -> Array:
+        """Return how a sensor would report `value`: unchanged, or wrapped into its interval."""
+        return value
+
+    def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
+        """Return which of `platforms` carriers each row needs, shape (m, platforms); by default all."""
+        return np.ones((self.size, platforms), dtype=bool)
+
+    @property
+    def sigmas(self) -> Array:
+        """Standard deviation of each row, shape (m,)."""
+        return np.sqrt(np.diagonal(self.noise_covariance()))
+
+
+def positive(value: float, name: str, unit: str) -> float:
+    """Return `value` if it is finite and > 0, else raise a ValueError that names it."""
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{name}: {value} is not allowed; it must be a finite number > 0 {unit}")
+    return float(value)
+
+
+def differenced_covariance(sigma: float, rows: int, correlated: bool) -> Array:
+    r"""Covariance of differences against a common reference receiver.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation of one difference.
+    rows : int
+        Number of differences.
+    correlated : bool
+        False: independent errors, as most papers write. True: every receiver's own error is
+        :math:`s = \sigma/\sqrt 2`, and the reference's error is in every difference, so that the diagonal stays
+        :math:`\sigma^2` and the rest is :math:`s^2 = \sigma^2/2`.
+
+    Returns
+    -------
+    ndarray, shape (rows, rows)
+    """
+    share = 0.5 if correlated else 0.0
+    return sigma**2 * ((1 - share) * np.eye(rows) + share * np.ones((rows, rows)))
+

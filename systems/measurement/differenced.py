@@ -1,0 +1,115 @@
+"""Differences of a quantity between receivers and a common reference receiver."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.measurement.base import differenced_covariance
+from systems.measurement.geometry import LineOfSight
+from systems.measurement.light_time import EARTH_RATE, Arrival, arrival
+from systems.measurement.sighted import SightedModel
+
+__all__ = ["Differenced"]
+
+Array = NDArray[np.float64]
+
+
+class Differenced(SightedModel):
+    """A quantity at receivers minus the same quantity at the reference; base of `Tdoa` and `Fdoa`.
+
+    Parameters
+    ----------
+    kind, unit : str
+        Prefix of the row names, unit of the rows.
+    sigma : float
+        Standard deviation of one difference.
+    receivers : sequence of int
+        Platforms that are compared with the reference.
+    reference : int
+        The reference platform.
+    correlated : bool
+        Errors correlated through the common reference; see `differenced_covariance`.
+    light_time : bool
+        False: geometry of one instant. True: one wave front, see `systems.measurement.light_time.arrival`.
+    earth_rate : float
+        Rotation of the Earth-fixed axes [rad/s]; only used with `light_time`.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        unit: str,
+        sigma: float,
+        receivers: Sequence[int],
+        reference: int,
+        correlated: bool,
+        light_time: bool,
+        earth_rate: float = EARTH_RATE,
+    ) -> None:
+        self.sigma = sigma
+        self.receivers = list(receivers)
+        self.reference = reference
+        self.correlated = correlated
+        self.light_time = light_time
+        self.shares_sight = not light_time
+        self.earth_rate = earth_rate
+        if reference in self.receivers or len(set(self.receivers)) < len(self.receivers):
+            raise ValueError(f"receivers: {self.receivers} must be different and exclude reference {reference}")
+        self.names = tuple(f"{kind}_{i}{reference}" for i in self.receivers)
+        self.units = (unit,) * len(self.names)
+
+    @abstractmethod
+    def values_from(self, sight: LineOfSight) -> Array:
+        """Return the quantity at every platform, shape (..., p)."""
+
+    @abstractmethod
+    def gradients_from(self, sight: LineOfSight) -> Array:
+        """Return its derivative with respect to the first k state components, shape (..., p, k)."""
+
+    @abstractmethod
+    def wave_front(self, wave: Arrival) -> tuple[Array, Array]:
+        """Return quantity and derivative, (..., p) and (..., p, 6), of one wave front."""
+
+    def _difference(self, values: Array) -> Array:
+        return values[..., self.receivers] - values[..., self.reference, None]
+
+    def _difference_rows(self, gradients: Array, size: int) -> Array:
+        rows = gradients[..., self.receivers, :] - gradients[..., self.reference, None, :]
+        jacobian = np.zeros((*rows.shape[:-1], size))
+        jacobian[..., : rows.shape[-1]] = rows
+        return jacobian
+
+    def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
+        """See `SightedModel.predict_from`."""
+        return self._difference(self.values_from(sight))
+
+    def linearize_from(self, sight: LineOfSight, platforms: Array, size: int) -> tuple[Array, Array]:
+        """See `SightedModel.linearize_from`."""
+        return self._difference(self.values_from(sight)), self._difference_rows(self.gradients_from(sight), size)
+
+    def predict(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.predict`."""
+        return self.linearize(target, platforms)[0] if self.light_time else super().predict(target, platforms)
+
+    def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
+        """See `MeasurementModel.linearize`."""
+        if not self.light_time:
+            return super().linearize(target, platforms)
+        wave = arrival(target, platforms, self.reference, self.earth_rate)
+        values, gradients = self.wave_front(wave)
+        return self._difference(values), self._difference_rows(gradients, target.shape[-1])
+
+    def noise_covariance(self) -> Array:
+        """See `MeasurementModel.noise_covariance`."""
+        return differenced_covariance(self.sigma, self.size, self.correlated)
+
+    def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
+        """Each row needs its receiver and the reference."""
+        used = np.zeros((self.size, platforms), dtype=bool)
+        used[:, self.reference] = True
+        used[np.arange(self.size), self.receivers] = True
+        return used

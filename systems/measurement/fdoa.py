@@ -1,0 +1,68 @@
+"""Frequency differences of arrival."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.measurement.base import SPEED_OF_LIGHT, positive
+from systems.measurement.differenced import Differenced
+from systems.measurement.geometry import LineOfSight
+from systems.measurement.light_time import EARTH_RATE, Arrival
+
+__all__ = ["Fdoa"]
+
+Array = NDArray[np.float64]
+
+
+class Fdoa(Differenced):
+    r"""Difference of received frequencies against a reference receiver.
+
+    .. math:: f_i - f_0 = -(\dot r_i - \dot r_0)/\lambda
+
+    Xu, Su and Wang, doi 10.20079/j.issn.1001-893x.220609005, print the other sign in eq. (8) (the range-rate
+    difference); `paper_sign` gives theirs.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation of one difference [Hz].
+    carrier : float
+        Carrier frequency [Hz].
+    paper_sign : bool
+        Flip the sign.
+    receivers, reference, correlated, light_time, earth_rate
+        See `Differenced`. With light time the classical Doppler factors :math:`(c - n_i v_i)/(c - n_i v)` of one
+        wave front are differenced, n from emitter to receiver in inertial axes.
+    """
+
+    def __init__(
+        self,
+        sigma: float,
+        carrier: float,
+        receivers: Sequence[int] = (1, 2),
+        reference: int = 0,
+        correlated: bool = False,
+        paper_sign: bool = False,
+        light_time: bool = False,
+        earth_rate: float = EARTH_RATE,
+    ) -> None:
+        sigma = positive(sigma, "sigma_fdoa", "Hz")
+        super().__init__("fdoa", "Hz", sigma, receivers, reference, correlated, light_time, earth_rate)
+        self.carrier = positive(carrier, "carrier", "Hz")
+        self._doppler = self.carrier * (-1.0 if paper_sign else 1.0)
+
+    def values_from(self, sight: LineOfSight) -> Array:
+        """Return the Doppler shifts [Hz]."""
+        return (-self._doppler / SPEED_OF_LIGHT) * sight.range_rate
+
+    def gradients_from(self, sight: LineOfSight) -> Array:
+        """Return the derivative with respect to position and velocity, shape (..., p, 6)."""
+        both = np.concatenate([sight.range_rate_gradient, sight.direction], axis=-1)
+        return (-self._doppler / SPEED_OF_LIGHT) * both
+
+    def wave_front(self, wave: Arrival) -> tuple[Array, Array]:
+        """Return the Doppler shifts and their derivatives."""
+        return self._doppler * wave.frequency_ratio, self._doppler * wave.frequency_ratio_jacobian

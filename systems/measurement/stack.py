@@ -1,0 +1,98 @@
+"""Several measurement models read together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from systems.measurement.base import MeasurementModel
+from systems.measurement.geometry import LineOfSight, line_of_sight
+from systems.measurement.sighted import SightedModel
+
+__all__ = ["Stack"]
+
+Array = NDArray[np.float64]
+
+
+class Stack(MeasurementModel):
+    """The rows of several models, one after the other; their noises are independent of each other.
+
+    Models that look along the same lines of sight share them.
+
+    Parameters
+    ----------
+    models : sequence of MeasurementModel
+        What is read together; no two rows may have the same name.
+    """
+
+    def __init__(self, models: Sequence[MeasurementModel]) -> None:
+        if not models:
+            raise ValueError("a stack needs at least one measurement model")
+        self.models = list(models)
+        self.names = tuple(name for model in models for name in model.names)
+        self.units = tuple(unit for model in models for unit in model.units)
+        if len(set(self.names)) < len(self.names):
+            raise ValueError(f"measurement rows: {list(self.names)} has a name twice")
+        ends = np.cumsum([0] + [model.size for model in models])
+        self._slices = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+    def _sight(self, target: Array, platforms: Array) -> LineOfSight | None:
+        shared = any(isinstance(model, SightedModel) and model.shares_sight for model in self.models)
+        return line_of_sight(target, platforms) if shared else None
+
+    def _join(self, arrays: list[Array], trailing: int) -> Array:
+        leading = np.broadcast_shapes(*(a.shape[: a.ndim - trailing] for a in arrays))
+        joined = np.empty((*leading, self.size, *arrays[0].shape[arrays[0].ndim - trailing + 1 :]))
+        for rows, array in zip(self._slices, arrays, strict=True):
+            joined[(..., rows) + (slice(None),) * (trailing - 1)] = array
+        return joined
+
+    def predict(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.predict`."""
+        sight = self._sight(target, platforms)
+        values = [
+            model.predict_from(sight, platforms)
+            if sight is not None and isinstance(model, SightedModel) and model.shares_sight
+            else model.predict(target, platforms)
+            for model in self.models
+        ]
+        return self._join(values, 1)
+
+    def jacobian(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.jacobian`."""
+        return self.linearize(target, platforms)[1]
+
+    def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
+        """See `MeasurementModel.linearize`."""
+        sight, size = self._sight(target, platforms), target.shape[-1]
+        parts = [
+            model.linearize_from(sight, platforms, size)
+            if sight is not None and isinstance(model, SightedModel) and model.shares_sight
+            else model.linearize(target, platforms)
+            for model in self.models
+        ]
+        return self._join([value for value, _ in parts], 1), self._join([row for _, row in parts], 2)
+
+    def noise_covariance(self) -> Array:
+        """See `MeasurementModel.noise_covariance`."""
+        return block_diag(*(model.noise_covariance() for model in self.models))
+
+    def residual(self, measured: Array, predicted: Array) -> Array:
+        """See `MeasurementModel.residual`."""
+        difference = measured - predicted
+        for rows, model in zip(self._slices, self.models, strict=True):
+            if type(model).residual is not MeasurementModel.residual:
+                difference[..., rows] = model.residual(measured[..., rows], predicted[..., rows])
+        return difference
+
+    def represent(self, value: Array) -> Array:
+        """See `MeasurementModel.represent`."""
+        parts = zip(self._slices, self.models, strict=True)
+        return np.concatenate([model.represent(value[..., rows]) for rows, model in parts], axis=-1)
+
+    def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
+        """See `MeasurementModel.platforms_used`."""
+        return np.concatenate([model.platforms_used(platforms) for model in self.models])

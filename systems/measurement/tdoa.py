@@ -1,0 +1,59 @@
+"""Time differences of arrival."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.measurement.base import SPEED_OF_LIGHT, positive
+from systems.measurement.differenced import Differenced
+from systems.measurement.geometry import LineOfSight
+from systems.measurement.light_time import EARTH_RATE, Arrival
+
+__all__ = ["Tdoa"]
+
+Array = NDArray[np.float64]
+
+
+class Tdoa(Differenced):
+    r"""Time difference of arrival against a reference receiver.
+
+    .. math:: \tau_{i0} = (r_i - r_0)/c, \qquad
+              \partial\tau_{i0}/\partial p = (u_i - u_0)/c
+
+    with u the unit vector from receiver to target; rows 1 and 2 of eq. (8) of Xu, Su and Wang,
+    doi 10.20079/j.issn.1001-893x.220609005.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation of one difference [s].
+    receivers, reference, correlated, light_time, earth_rate
+        See `Differenced`. Light time changes the difference by up to 5 ns at 100 km baselines in low orbit.
+    """
+
+    def __init__(
+        self,
+        sigma: float,
+        receivers: Sequence[int] = (1, 2),
+        reference: int = 0,
+        correlated: bool = False,
+        light_time: bool = False,
+        earth_rate: float = EARTH_RATE,
+    ) -> None:
+        sigma = positive(sigma, "sigma_tdoa", "s")
+        super().__init__("tdoa", "s", sigma, receivers, reference, correlated, light_time, earth_rate)
+
+    def values_from(self, sight: LineOfSight) -> Array:
+        """Return the travel times [s]."""
+        return sight.distance / SPEED_OF_LIGHT
+
+    def gradients_from(self, sight: LineOfSight) -> Array:
+        """Return u / c, shape (..., p, 3)."""
+        return sight.direction / SPEED_OF_LIGHT
+
+    def wave_front(self, wave: Arrival) -> tuple[Array, Array]:
+        """Return the delays and their derivatives."""
+        return wave.delay, wave.delay_jacobian

@@ -1,0 +1,51 @@
+"""Which platforms and target see each other over the horizon."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.frames import up
+
+__all__ = ["ElevationMask"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ElevationMask:
+    """A platform is visible if it stands high enough above the local horizon.
+
+    Parameters
+    ----------
+    minimum : float
+        Smallest elevation [rad], between -pi/2 and pi/2.
+    at : {'target', 'platform'}
+        Whose horizon: 'target' for satellites that look down, 'platform' for stations that look up.
+    """
+
+    minimum: float = 0.0
+    at: Literal["target", "platform"] = "target"
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        if not -math.pi / 2 <= self.minimum <= math.pi / 2:
+            raise ValueError(f"elevation mask: {self.minimum} is not allowed; from -pi/2 to pi/2 rad")
+
+    def elevation(self, target: Array, platforms: Array) -> Array:
+        """Return the elevation [rad], shape (..., p)."""
+        offset = platforms[..., :3] - target[..., None, :3]
+        if self.at == "target":
+            normal = up(target[..., :3])[..., None, :]
+        else:
+            normal, offset = up(platforms[..., :3]), -offset
+        height = np.einsum("...i,...i->...", normal, offset)
+        return np.arcsin(height / np.linalg.norm(offset, axis=-1))
+
+    def visible(self, target: Array, platforms: Array) -> NDArray[np.bool_]:
+        """Return whether each platform is visible, shape (..., p)."""
+        return self.elevation(target, platforms) >= self.minimum

@@ -1,0 +1,1 @@
+"""Motion: how things move, as pure functions of state and time; nothing here knows Drake."""

@@ -1,0 +1,1 @@
+"""Plants: the blocks that produce truth."""

@@ -1,0 +1,188 @@
+"""Truth from a motion model: random start and process noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context, DiscreteValues
+
+from systems.clocks import Clock
+from systems.motion.base import MotionModel
+from systems.noise import normal
+from systems.signals import EnsembleBlock, check_trials
+
+__all__ = ["ModelPlant", "semidefinite_root"]
+
+Array = NDArray[np.float64]
+
+_RANK = 1e-13  # share of a variance below which what is left of it is rounding error
+_KEPT_ROOTS = 64
+
+
+def semidefinite_root(covariance: ArrayLike) -> Array:
+    """Return the lower triangular L with L L^T = covariance, which may be singular.
+
+    Parameters
+    ----------
+    covariance : array_like, shape (..., n, n)
+        Symmetric positive semidefinite.
+
+    Returns
+    -------
+    ndarray, shape (..., n, n)
+
+    Raises
+    ------
+    ValueError
+        If the matrix is not finite, not symmetric or has a negative eigenvalue.
+
+    Notes
+    -----
+    Cholesky's recursion on the matrix scaled to unit diagonal, with a zero column where the pivot vanishes
+    (Higham, *Analysis of the Cholesky decomposition of a semi-definite matrix*, 1990). An eigenvalue root
+    would not do: where eigenvalues coincide, as in x, y and z of every motion model, it is not unique, and
+    the draws would depend on the LAPACK that is installed.
+    """
+    p = np.asarray(covariance, dtype=float)
+    if p.ndim < 2 or p.shape[-1] != p.shape[-2]:
+        raise ValueError(f"covariance: shape {p.shape} is not allowed; (..., n, n)")
+    if not np.all(np.isfinite(p)):
+        raise ValueError("covariance: all elements must be finite")
+    n = p.shape[-1]
+    variance = np.diagonal(p, axis1=-2, axis2=-1)
+    if np.any(variance < 0):
+        raise ValueError(f"covariance: a variance is negative ({variance.min():.3g})")
+    sigma = np.sqrt(variance)
+    scale = np.where(sigma > 0, sigma, 1.0)
+    scaled = p / scale[..., :, None] / scale[..., None, :]
+    if np.any(np.abs(scaled - np.swapaxes(scaled, -1, -2)) > 1e-9):
+        raise ValueError("covariance: it must be symmetric")
+    root = np.zeros_like(scaled)
+    for j in range(n):
+        known = root[..., :, :j] * root[..., j : j + 1, :j]
+        column = scaled[..., :, j] - known.sum(axis=-1)
+        pivot = column[..., j : j + 1]
+        alive = pivot > _RANK
+        column = np.where(alive, column / np.sqrt(np.where(alive, pivot, 1.0)), 0.0)
+        root[..., j:, j] = column[..., j:]
+    if np.any(np.abs(root @ np.swapaxes(root, -1, -2) - scaled) > 1e-6):
+        raise ValueError("covariance: it has a negative eigenvalue; it must be positive semidefinite")
+    return scale[..., :, None] * root
+
+
+class ModelPlant(EnsembleBlock):
+    """Truth that moves exactly as a motion model says: what a consistency test needs, and every random walk.
+
+    The start is N(mean, covariance) per trial; at tick k the state is ``propagate(state at tick k - 1)``
+    plus a draw of the model's process noise; between ticks it is the propagated state. Port: ``state``
+    (trials, n).
+
+    Parameters
+    ----------
+    motion : MotionModel
+        How the state moves.
+    clock : Clock
+        When process noise is added; a tick at time 0 adds none.
+    mean : array_like, shape (n,) or (trials, n)
+        Mean of the start, at the time when the simulation begins.
+    covariance : array_like, shape (n, n) or (trials, n, n)
+        Covariance of the start; may be singular or zero.
+    trials : int
+        Number of trials, >= 1.
+    name : str
+        Name of the block; part of the key of its random numbers.
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes, numbers that are not finite, a covariance that is none.
+
+    Notes
+    -----
+    Draws depend on (seed, name, trial, tick) alone. Until `Simulator.Initialize` has drawn the start, the
+    port carries the mean; so seed and first trial are to be set before it.
+    """
+
+    def __init__(
+        self,
+        motion: MotionModel,
+        clock: Clock,
+        mean: ArrayLike,
+        covariance: ArrayLike,
+        trials: int,
+        name: str = "emitter",
+    ) -> None:
+        super().__init__(name)
+        self.motion = motion
+        self.clock = clock
+        self.trials = check_trials(trials)
+        n = motion.size
+        self.mean = _shaped(f"{name} mean", mean, (n,), self.trials)
+        _shaped(f"{name} covariance", covariance, (n, n), self.trials)
+        self._start_root = semidefinite_root(covariance)
+        self._noise_roots: dict[float, Array] = {}
+        default = np.broadcast_to(self.mean, (self.trials, n))
+        self._x = self.DeclareDiscreteState(default.ravel())
+        self._valid_at = self.DeclareDiscreteState([0.0])
+        draw = self.declare_draw()
+        now = self.declare_cached("now", ModelPlant._now, {self.xd_ticket(), self.time_ticket(), draw})
+        self._state = now
+        self.declare_output("state", self.trials, n, self._read_state, {self.cached_ticket(now)})
+        self.DeclareInitializationDiscreteUpdateEvent(self._start)
+        clock.declare(
+            lambda period, offset: self.DeclarePeriodicDiscreteUpdateEvent(period, offset, self._advance)
+        )
+
+    def _read_state(self, context: Context) -> Array:
+        return self.cached(context, self._state)
+
+    def _start(self, context: Context, discrete: DiscreteValues) -> None:
+        draw, n = self.draw(context), self.motion.size
+        # a key of its own: sample 0 of the block's name belongs to tick 0
+        z = normal(draw.seed, f"{self.get_name()}:start", draw.first_trial, self.trials, 0, n)
+        discrete.set_value(self._x, np.ravel(self.mean + _times(self._start_root, z)))
+        discrete.set_value(self._valid_at, [context.get_time()])
+
+    def _now(self, context: Context) -> Array:
+        x = context.get_discrete_state(self._x).get_value().reshape(self.trials, -1).copy()
+        time = context.get_time()
+        dt = time - context.get_discrete_state(self._valid_at).get_value()[0]
+        if dt <= 0:
+            return x
+        moved = self.motion.propagate(x, dt)
+        tick = self.clock.index(time)
+        if tick is None:
+            return moved
+        draw = self.draw(context)
+        z = normal(draw.seed, self.get_name(), draw.first_trial, self.trials, tick, self.motion.size)
+        return moved + _times(self._noise_root(x, dt), z)
+
+    def _noise_root(self, x: Array, dt: float) -> Array:
+        if dt in self._noise_roots:
+            return self._noise_roots[dt]
+        q = np.asarray(self.motion.process_noise(x, dt), dtype=float)
+        root = semidefinite_root(q)
+        if q.ndim == 2:  # a motion model answers (n, n) where the noise does not depend on the state
+            if len(self._noise_roots) >= _KEPT_ROOTS:
+                self._noise_roots.clear()
+            self._noise_roots[dt] = root
+        return root
+
+    def _advance(self, context: Context, discrete: DiscreteValues) -> None:
+        # logs at this tick have already shown this value: it must be stored, not computed again one step on
+        discrete.set_value(self._x, np.ravel(self.cached(context, self._state)))
+        discrete.set_value(self._valid_at, [context.get_time()])
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    """Return ``matrix @ vector`` per trial, bit-equal whether a trial is alone or in a batch."""
+    return (matrix @ vector[..., None])[..., 0]
+
+
+def _shaped(what: str, value: ArrayLike, shape: tuple[int, ...], trials: int) -> Array:
+    array = np.array(value, dtype=float)
+    if array.shape not in (shape, (trials, *shape)):
+        raise ValueError(f"{what}: shape {array.shape} is not allowed; {shape} or {(trials, *shape)}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{what}: all numbers must be finite")
+    return array

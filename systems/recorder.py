@@ -1,0 +1,122 @@
+"""The recorder: one block that logs any number of named signals at the ticks of a clock.
+
+Drake's own ``LogVectorOutput`` allocates a thousand full-width samples in every context and knows only periodic
+clocks; it serves notebooks. Studies use this block: memory is what is recorded, and the log lives in the
+context, so that one diagram serves many runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, ValueProducer
+
+from systems.clocks import Clock
+from systems.signals import EnsembleBlock
+
+__all__ = ["Log", "Recorder", "record"]
+
+
+class Log:
+    """What one run recorded: times and, per signal, one array per tick."""
+
+    def __init__(self, names: list[str]) -> None:
+        self.times: list[float] = []
+        self.values: dict[str, list[NDArray[np.float64]]] = {name: [] for name in names}
+
+    def __deepcopy__(self, memo: object) -> Log:
+        """Return an empty log: a cloned context records its own run."""
+        return Log(list(self.values))
+
+
+class Recorder(EnsembleBlock):
+    """Record named signals; an input port each.
+
+    Parameters
+    ----------
+    signals : mapping of str to (trials, size)
+        Name and shape of each signal.
+    clock : Clock
+        When to record.
+    name : str
+        Name of the block.
+    """
+
+    def __init__(self, signals: Mapping[str, tuple[int, int]], clock: Clock, name: str = "recorder") -> None:
+        super().__init__(name)
+        self._shapes = dict(signals)
+        for signal, (trials, size) in self._shapes.items():
+            self.declare_input(signal, trials, size)
+        names = list(self._shapes)
+        self._log = self.DeclareCacheEntry(
+            "log",
+            ValueProducer(
+                allocate=lambda: AbstractValue.Make({"log": Log(names)}), calc=ValueProducer.NoopCalc
+            ),
+            {self.nothing_ticket()},
+        ).cache_index()
+        clock.declare(lambda period, offset: self.DeclarePeriodicPublishEvent(period, offset, self._publish))
+
+    def _mutable_log(self, context: Context) -> dict[str, Log]:
+        entry = self.get_cache_entry(self._log)
+        return entry.get_mutable_cache_entry_value(context).GetMutableValueOrThrow()
+
+    def _publish(self, context: Context) -> None:
+        log = self._mutable_log(context)["log"]
+        time = context.get_time()
+        if log.times and log.times[-1] == time:  # two merged clocks ticked together
+            return
+        log.times.append(time)
+        for signal, values in log.values.items():
+            values.append(self.read(context, signal))
+
+    def start(self, root_context: Context) -> None:
+        """Forget what the context has recorded so far."""
+        self._mutable_log(self.GetMyContextFromRoot(root_context))["log"] = Log(list(self._shapes))
+
+    def result(
+        self, root_context: Context
+    ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+        """Return the times [s], shape (samples,), and each signal, shape (samples, trials, size)."""
+        log = self._mutable_log(self.GetMyContextFromRoot(root_context))["log"]
+        stacked = {
+            name: np.array(values) if values else np.empty((0, *self._shapes[name]))
+            for name, values in log.values.items()
+        }
+        return np.array(log.times), stacked
+
+
+def record(
+    builder: DiagramBuilder, ports: Mapping[str, OutputPort], clock: Clock, name: str = "recorder"
+) -> Recorder:
+    """Add a recorder to a diagram and connect it to output ports of Quietfix blocks.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+        The diagram under construction.
+    ports : mapping of str to OutputPort
+        What to record, by the name it gets in the log.
+    clock : Clock
+        When to record.
+    name : str
+        Name of the recorder.
+
+    Returns
+    -------
+    Recorder
+    """
+    shapes = {}
+    for signal, port in ports.items():
+        block = port.get_system()
+        if isinstance(block, EnsembleBlock):
+            shapes[signal] = block.output_size(port.get_name())
+        else:
+            shapes[signal] = (1, port.size())
+    recorder = builder.AddSystem(Recorder(shapes, clock, name))
+    for signal, port in ports.items():
+        builder.Connect(port, recorder.GetInputPort(signal))
+    return recorder

@@ -1,0 +1,1 @@
+"""Sensor blocks: truth in, measurements out; and recorded measurements in their place."""

@@ -1,0 +1,94 @@
+"""The generic sensor: any measurement model, sampled by a clock, with noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context
+
+from systems.clocks import Clock
+from systems.filters.linear_algebra import semidefinite_root
+from systems.measurement.base import MeasurementModel
+from systems.measurement.visibility import ElevationMask
+from systems.noise import normal
+from systems.signals import EnsembleBlock
+
+__all__ = ["Sensor"]
+
+Array = NDArray[np.float64]
+
+
+class Sensor(EnsembleBlock):
+    """Read a target from known platforms.
+
+    Inputs ``target`` and ``platforms``, output ``measurement``; NaN between the ticks of its clock and in rows
+    whose platforms are below the horizon. The noise is a function of (seed, block name, trial, tick).
+
+    Parameters
+    ----------
+    model : MeasurementModel
+        What the sensor reads (the truth's instance, which an estimator's may differ from).
+    clock : Clock
+        When it samples.
+    trials : int
+        Trials of the measurement.
+    platforms : int
+        Number of carriers, six numbers each on the port.
+    target_trials, target_size : int
+        Shape of the target's state; one trial of truth serves all trials of noise.
+    platform_trials : int
+        Trials of the platforms' states.
+    mask : ElevationMask, optional
+        Without it every platform sees the target, even through the Earth.
+    name : str
+        Name of the block.
+    """
+
+    def __init__(
+        self,
+        model: MeasurementModel,
+        clock: Clock,
+        trials: int,
+        platforms: int,
+        target_trials: int = 1,
+        target_size: int = 6,
+        platform_trials: int = 1,
+        mask: ElevationMask | None = None,
+        name: str = "sensor",
+    ) -> None:
+        super().__init__(name)
+        for what, count in (("target", target_trials), ("platforms", platform_trials)):
+            if count not in (1, trials):
+                raise ValueError(f"{name}: {what} has {count} trials; 1 or {trials} are allowed")
+        self.model = model
+        self.clock = clock
+        self.trials = trials
+        self._platforms = platforms
+        self._mask = mask
+        self._needs = model.platforms_used(platforms)
+        self._root = semidefinite_root(model.noise_covariance())
+        self.declare_input("target", target_trials, target_size)
+        self.declare_input("platforms", platform_trials, 6 * platforms)
+        draw = self.declare_draw()
+        self.declare_output(
+            "measurement",
+            trials,
+            model.size,
+            self._measure,
+            {self.time_ticket(), self.input_ticket("target"), self.input_ticket("platforms"), draw},
+        )
+
+    def _measure(self, context: Context) -> Array:
+        tick = self.clock.index(context.get_time())
+        if tick is None:
+            return np.full((self.trials, self.model.size), np.nan)
+        target = self.read(context, "target")
+        platforms = self.read(context, "platforms").reshape(-1, self._platforms, 6)
+        exact = self.model.predict(target, platforms)
+        if self._mask is not None:
+            hidden = ~self._mask.visible(target, platforms)
+            if hidden.any():
+                exact = np.where((self._needs & hidden[..., None, :]).any(axis=-1), np.nan, exact)
+        draw = self.draw(context)
+        white = normal(draw.seed, self.get_name(), draw.first_trial, self.trials, tick, self.model.size)
+        return self.model.represent(exact + np.einsum("ij,...j->...i", self._root, white))

@@ -1,0 +1,202 @@
+"""Ensemble signals: every wire carries an array (trials, size), flattened in C order on a vector port.
+
+`EnsembleBlock` is the base of every Quietfix block. It declares such ports, reads them as arrays, keeps the
+seed and the first trial as context parameters, and declares cache entries in a way that does not pin the block
+in memory (on Drake 1.58 a cache entry whose callables hold the block keeps the whole diagram alive).
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    Diagram,
+    InputPort,
+    LeafSystem,
+    NumericParameterIndex,
+    OutputPort,
+    System,
+    ValueProducer,
+)
+
+__all__ = ["Constant", "Draw", "EnsembleBlock", "ensemble", "leaf_systems", "set_draw"]
+
+_LARGEST_EXACT = 2**53  # seed and first trial travel as doubles
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Which random numbers a run sees.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the study, 0 <= seed < 2**53.
+    first_trial : int
+        Number of the first trial in the batch, 0 <= first_trial < 2**53.
+    """
+
+    seed: int = 0
+    first_trial: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        for name in ("seed", "first_trial"):
+            value = getattr(self, name)
+            if not (isinstance(value, int | np.integer) and 0 <= value < _LARGEST_EXACT):
+                raise ValueError(f"{name}: {value!r} is not allowed; a whole number from 0 to 2**53 - 1")
+
+
+def ensemble(flat: ArrayLike, size: int) -> NDArray[np.float64]:
+    """Reshape a flat port value to (trials, size)."""
+    return np.asarray(flat, dtype=float).reshape(-1, size)
+
+
+def check_trials(trials: int) -> int:
+    """Return `trials` if it is a whole number >= 1, else raise ValueError."""
+    if not isinstance(trials, int | np.integer) or trials < 1:
+        raise ValueError(f"trials: {trials!r} is not allowed; a whole number >= 1")
+    return int(trials)
+
+
+class EnsembleBlock(LeafSystem):
+    """A LeafSystem whose ports carry ensembles.
+
+    Parameters
+    ----------
+    name : str
+        Name of the block: shown in the diagram and part of the key of its random numbers.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        if not name:
+            raise ValueError("a block needs a name: its random numbers depend on it")
+        self.set_name(name)
+        self._sizes: dict[str, tuple[int, int]] = {}
+        self._draw_index: int | None = None
+
+    def declare_input(self, name: str, trials: int, size: int) -> InputPort:
+        """Declare an input port that carries (trials, size)."""
+        self._sizes["in:" + name] = (check_trials(trials), size)
+        return self.DeclareVectorInputPort(name, trials * size)
+
+    def declare_output(
+        self,
+        name: str,
+        trials: int,
+        size: int,
+        calc: Callable[[Context], NDArray[np.float64]],
+        tickets: Iterable[Any],
+    ) -> OutputPort:
+        """Declare an output port that carries what ``calc(context)`` returns, shape (trials, size)."""
+        self._sizes["out:" + name] = (check_trials(trials), size)
+
+        def write(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(np.ravel(calc(context)))
+
+        return self.DeclareVectorOutputPort(name, trials * size, write, prerequisites_of_calc=set(tickets))
+
+    def declare_cached(self, name: str, calc: Callable[[Any, Context], Any], tickets: Iterable[Any]) -> Any:
+        """Declare a cache entry and return its index; read it with `cached`.
+
+        Parameters
+        ----------
+        name : str
+            Name of the entry.
+        calc : callable
+            ``calc(block, context) -> value``: a plain function or an unbound method, never a bound one.
+        tickets : iterable of DependencyTicket
+            What the value depends on.
+        """
+        me = weakref.ref(self)
+
+        def refill(context: Context, value: AbstractValue) -> None:
+            value.set_value(calc(me(), context))
+
+        return self.DeclareCacheEntry(
+            name,
+            ValueProducer(allocate=lambda: AbstractValue.Make(()), calc=refill),
+            set(tickets),
+        ).cache_index()
+
+    def cached(self, context: Context, index: Any) -> Any:
+        """Return the up-to-date value of a cache entry made by `declare_cached`."""
+        return self.get_cache_entry(index).Eval(context)
+
+    def cached_ticket(self, index: Any) -> Any:
+        """Return the ticket of a cache entry made by `declare_cached`."""
+        return self.cache_entry_ticket(index)
+
+    def read(self, context: Context, name: str) -> NDArray[np.float64]:
+        """Return the value of input port `name` as an array (trials, size)."""
+        trials, size = self._sizes["in:" + name]
+        return self.GetInputPort(name).Eval(context).reshape(trials, size)
+
+    def output_size(self, name: str) -> tuple[int, int]:
+        """Return (trials, size) of output port `name`."""
+        return self._sizes["out:" + name]
+
+    def output_names(self) -> list[str]:
+        """Return the names of the output ports."""
+        return [key[4:] for key in self._sizes if key.startswith("out:")]
+
+    def input_ticket(self, name: str) -> Any:
+        """Return the dependency ticket of input port `name`."""
+        return self.input_port_ticket(self.GetInputPort(name).get_index())
+
+    def declare_draw(self) -> Any:
+        """Declare the context parameter that holds seed and first trial; return its ticket."""
+        self._draw_index = self.DeclareNumericParameter(BasicVector([0.0, 0.0]))
+        return self.numeric_parameter_ticket(NumericParameterIndex(self._draw_index))
+
+    def draw(self, context: Context) -> Draw:
+        """Return seed and first trial of this run."""
+        seed, first_trial = context.get_numeric_parameter(self._draw_index).value()
+        return Draw(int(seed), int(first_trial))
+
+    def set_draw(self, context: Context, draw: Draw) -> None:
+        """Write seed and first trial into this block's `context`; a block without noise ignores it."""
+        if self._draw_index is not None:
+            context.get_mutable_numeric_parameter(self._draw_index).SetFromVector(
+                [draw.seed, draw.first_trial]
+            )
+
+
+class Constant(EnsembleBlock):
+    """A block whose port ``state`` is the same at all times.
+
+    Parameters
+    ----------
+    name : str
+        Name of the block.
+    value : array_like, shape (size,) or (trials, size)
+        What the port carries.
+    """
+
+    def __init__(self, name: str, value: ArrayLike) -> None:
+        super().__init__(name)
+        array = np.atleast_2d(np.array(value, dtype=float))
+        self.declare_output("state", *array.shape, lambda context: array, {self.nothing_ticket()})
+
+
+def leaf_systems(system: System) -> list[System]:
+    """Return all leaves of a diagram, or the system itself."""
+    if not isinstance(system, Diagram):
+        return [system]
+    return [leaf for part in system.GetSystems() for leaf in leaf_systems(part)]
+
+
+def set_draw(diagram: System, context: Context, draw: Draw) -> None:
+    """Write seed and first trial into every block of `diagram` that draws random numbers."""
+    for block in leaf_systems(diagram):
+        if isinstance(block, EnsembleBlock):
+            block.set_draw(block.GetMyMutableContextFromRoot(context), draw)

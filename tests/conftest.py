@@ -1,0 +1,42 @@
+"""What every test may ask for."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+# Also where pytest is started without make; set before NumPy and Matplotlib are imported.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def project_root() -> Path:
+    """The folder of pyproject.toml."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of recorded data; the test is skipped where there is none."""
+    folder = Path(os.environ.get("QUIETFIX_DATA") or ROOT.parent / "shared" / "data")
+    if not folder.is_dir():
+        pytest.skip(f"recorded data not found: no folder {folder} (set QUIETFIX_DATA)")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def recorded(data_dir: Path) -> Callable[[str], Path]:
+    """A function from the name of a recorded data set to its folder; skips where that set is absent."""
+
+    def folder_of(name: str) -> Path:
+        folder = data_dir / name
+        if not folder.is_dir():
+            pytest.skip(f"recorded data not found: no folder {folder}")
+        return folder
+
+    return folder_of

@@ -1,0 +1,155 @@
+"""Frames against pymap3d, against numerical differentiation, and against what defines them."""
+
+import numpy as np
+import pymap3d
+import pytest
+
+from systems import frames
+
+RATE = frames.EARTH_RATE
+RNG = np.random.default_rng(20240501)
+
+
+def places(shape=(5, 40)):
+    lat = np.arcsin(RNG.uniform(-1, 1, shape))
+    lon = RNG.uniform(-np.pi, np.pi, shape)
+    return lat, lon, RNG.uniform(-100, 20e3, shape)
+
+
+def low_orbits(shape=(4, 3)):
+    p = RNG.normal(size=(*shape, 3))
+    p *= 7e6 / np.linalg.norm(p, axis=-1, keepdims=True)
+    return np.concatenate([p, RNG.normal(0, 5e3, (*shape, 3))], axis=-1)
+
+
+def test_geodetic_agrees_with_pymap3d():
+    lat, lon, h = places()
+    p = frames.geodetic_to_ecef(lat, lon, h)
+    # the same code underneath: equal
+    np.testing.assert_array_equal(p, np.stack(pymap3d.geodetic2ecef(lat, lon, h, deg=False), axis=-1))
+    got = frames.ecef_to_geodetic(p)
+    want = pymap3d.ecef2geodetic(p[..., 0], p[..., 1], p[..., 2], deg=False)
+    # below 20 km pymap3d's closed form is good to 1e-12 rad (6 um) and to rounding in height
+    np.testing.assert_allclose(got[0], want[0], atol=1e-12)
+    np.testing.assert_allclose(got[1], want[1], atol=1e-15)
+    np.testing.assert_allclose(got[2], want[2], atol=1e-8)
+
+
+@pytest.mark.parametrize("height", [-5e3, 0.0, 1e4, 7e5, 2e7])
+def test_geodetic_round_trip(height):
+    lat, lon, _ = places()
+    back = frames.ecef_to_geodetic(frames.geodetic_to_ecef(lat, lon, height))
+    # rounding of coordinates of 1e7 m is 2e-9 m; pymap3d alone is 7.7 m * 4 out at 20 000 km
+    assert np.max(np.abs(back[0] - lat)) < 2e-15 and np.max(np.abs(back[1] - lon)) < 2e-15
+    assert np.max(np.abs(back[2] - height)) < 2e-8
+
+
+def test_geodetic_at_poles_and_equator():
+    lat, _, h = frames.ecef_to_geodetic([[0, 0, 6400e3], [0, 0, -6400e3], [6400e3, 0, 0], [0, -6400e3, 0]])
+    np.testing.assert_allclose(lat, [np.pi / 2, -np.pi / 2, 0, 0], atol=1e-15)
+    # semi-axes of WGS-84 as published (NIMA TR8350.2), printed to 0.1 mm
+    np.testing.assert_allclose(h, 6400e3 - np.array([6356752.3142] * 2 + [6378137.0] * 2), atol=1e-4)
+
+
+def test_geodetic_keeps_shape_and_nan_to_itself():
+    p = frames.geodetic_to_ecef(*places((2, 3)))
+    p[1, 2, 0] = np.nan
+    lat, lon, h = frames.ecef_to_geodetic(p)
+    assert lat.shape == lon.shape == h.shape == (2, 3)
+    for value in (lat, lon, h):
+        assert np.isnan(value).sum() == 1 and np.isnan(value[1, 2])
+    assert frames.ecef_to_geodetic(p[0, 0])[2].shape == ()
+    # one alone is bit-equal to the same one in a batch
+    assert frames.ecef_to_geodetic(p[0, 1:2])[2][0] == h[0, 1]
+
+
+def test_up_is_the_gradient_of_the_height():
+    p = frames.geodetic_to_ecef(*places())
+    step = 10.0  # m: truncation (h/r)^2 ~ 2e-12, rounding 2e-9/20 = 1e-10
+    for axis in range(3):
+        d = step * np.eye(3)[axis]
+        slope = (frames.ecef_to_geodetic(p + d)[2] - frames.ecef_to_geodetic(p - d)[2]) / (2 * step)
+        np.testing.assert_allclose(frames.up(p)[..., axis], slope, atol=1e-9)
+
+
+def test_enu_agrees_with_pymap3d():
+    lat, lon, _ = places()
+    v = RNG.normal(size=(*lat.shape, 3))
+    got = (frames.enu_rotation(lat, lon) @ v[..., None])[..., 0]
+    want = pymap3d.ecef2enuv(v[..., 0], v[..., 1], v[..., 2], lat, lon, deg=False)
+    np.testing.assert_allclose(got, np.stack(want, axis=-1), atol=1e-14)  # rounding of unit numbers
+
+
+def test_course_and_speed():
+    lat, lon, h = places()
+    course, speed = RNG.uniform(0, 2 * np.pi, lat.shape), RNG.uniform(1, 400, lat.shape)
+    x = frames.geodetic_state(lat, lon, h, course, speed, 3.0)
+    got = frames.course_speed(x[..., :3], x[..., 3:])
+    # rounding of 400 m/s is 6e-14, turned into an angle at 1 m/s
+    np.testing.assert_allclose(got[0], course, atol=1e-12)
+    np.testing.assert_allclose(got[1], speed, atol=1e-12)
+    np.testing.assert_allclose(got[2], 3.0, atol=1e-12)
+    # 60 degrees clockwise from north at (0, 0): north is z, east is y
+    np.testing.assert_allclose(
+        frames.course_velocity(0, 0, np.radians(60), 2), [0, np.sqrt(3), 1], atol=1e-15
+    )
+
+
+def test_inertial_round_trip_with_times_per_row():
+    x = low_orbits()
+    t = RNG.uniform(0, 1e4, (4, 1))
+    there = frames.inertial_to_earth_fixed(x, t)
+    # a few roundings of 7e6 m and 1e4 m/s
+    np.testing.assert_allclose(frames.earth_fixed_to_inertial(there, t), x, rtol=1e-14, atol=1e-8)
+    np.testing.assert_array_equal(there[2, 1], frames.inertial_to_earth_fixed(x[2, 1], t[2, 0]))
+    np.testing.assert_array_equal(frames.inertial_to_earth_fixed(x, 0.0)[..., :3], x[..., :3])
+
+
+def test_earth_turns_eastwards():
+    # a point at rest in inertial axes moves westwards over the turning Earth: from +x towards -y
+    p = frames.inertial_to_earth_fixed([7e6, 0, 0, 0, 0, 0], 100.0)
+    assert p[1] < 0 and p[4] < 0
+    # a geostationary satellite stands still
+    geo = np.array([42164e3, 0, 0, 0, 42164e3 * RATE, 0])
+    np.testing.assert_allclose(frames.inertial_to_earth_fixed(geo, 0.0)[3:], 0, atol=1e-12)
+
+
+def curve(t):
+    """A smooth inertial motion with velocity and acceleration known in closed form."""
+    r, w = 7e6, 1.05e-3
+    c, s = np.cos(w * t), np.sin(w * t)
+    tilt = np.array([[1, 0, 0], [0, 0.5, -np.sqrt(0.75)], [0, np.sqrt(0.75), 0.5]])
+    p, v = np.array([c, s, 0 * t]) * r, np.array([-s, c, 0 * t]) * r * w
+    return np.concatenate([tilt @ p, tilt @ v]), tilt @ (-(w**2) * p)
+
+
+def test_velocity_and_acceleration_are_derivatives_of_the_earth_fixed_position():
+    t, d = 1234.5, 1.0
+    x, a = curve(t)
+    before, now, after = (frames.inertial_to_earth_fixed(curve(s)[0], s) for s in (t - d, t, t + d))
+    # central differences over 1 s: truncation w^2 v/6 = 1.5e-3 m/s and w^2 a/6 = 1.5e-6 m/s^2 with w = 1.1e-3
+    np.testing.assert_allclose(now[3:], (after - before)[:3] / (2 * d), atol=2e-3)
+    got = frames.acceleration_to_earth_fixed(a, x, t)
+    np.testing.assert_allclose(got, (after - before)[3:] / (2 * d), atol=2e-6)
+    np.testing.assert_allclose(frames.acceleration_to_inertial(got, now, t), a, rtol=1e-13, atol=1e-14)
+
+
+def test_nadir_frame():
+    x = low_orbits()
+    c = frames.nadir_frame(x)
+    np.testing.assert_allclose(c @ np.swapaxes(c, -1, -2), np.broadcast_to(np.eye(3), c.shape), atol=1e-15)
+    np.testing.assert_allclose(np.linalg.det(c), 1, atol=1e-14)
+    p, v = (c @ x[..., i : i + 3, None] for i in (0, 3))
+    np.testing.assert_allclose(p[..., :2, 0], 0, atol=1e-8)  # rounding of 7e6 m
+    assert np.all(p[..., 2, 0] < 0)
+    np.testing.assert_allclose(v[..., 1, 0], 0, atol=1e-11)  # rounding of 1e4 m/s
+    assert np.all(v[..., 0, 0] > 0)
+
+
+def test_nadir_frame_of_an_earth_fixed_state_is_the_inertial_one_turned():
+    x, t = low_orbits(), 777.0
+    fixed = frames.inertial_to_earth_fixed(x, t)
+    c, s = np.cos(RATE * t), np.sin(RATE * t)
+    turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    got = frames.nadir_frame_earth_fixed(fixed[..., :3], fixed[..., 3:])
+    np.testing.assert_allclose(got @ turn, frames.nadir_frame(x), atol=1e-14)
