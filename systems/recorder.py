@@ -77,9 +77,7 @@ class Recorder(EnsembleBlock):
         """Forget what the context has recorded so far."""
         self._mutable_log(self.GetMyContextFromRoot(root_context))["log"] = Log(list(self._shapes))
 
-    def result(
-        self, root_context: Context
-    ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+    def result(self, root_context: Context) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
         """Return the times [s], shape (samples,), and each signal, shape (samples, trials, size)."""
         log = self._mutable_log(self.GetMyContextFromRoot(root_context))["log"]
         stacked = {

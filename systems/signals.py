@@ -185,7 +185,9 @@ class Constant(EnsembleBlock):
     def __init__(self, name: str, value: ArrayLike) -> None:
         super().__init__(name)
         array = np.atleast_2d(np.array(value, dtype=float))
-        self.declare_output("state", *array.shape, lambda context: array, {self.nothing_ticket()})
+        self.declare_output(
+            "state", array.shape[0], array.shape[1], lambda context: array, {self.nothing_ticket()}
+        )
 
 
 def leaf_systems(system: System) -> list[System]:

@@ -164,7 +164,9 @@ class Estimator(EnsembleBlock):
             self.declare_input("noise_covariance", trials, len(wiring.stream) ** 2)
         for port, size in self.start.inputs.items():
             self.declare_input(port, trials, size)
-        inputs = {self.input_port_ticket(self.get_input_port(i).get_index()) for i in range(self.num_input_ports())}
+        inputs = {
+            self.input_port_ticket(self.get_input_port(i).get_index()) for i in range(self.num_input_ports())
+        }
         draw = self.declare_draw()
 
         self._groups: dict[str, tuple[Any, int]] = {}

@@ -68,9 +68,7 @@ class KnownHeightStart(Start):
         """See `Start`."""
         return {"assumed_height": 1}
 
-    def begin(
-        self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]
-    ) -> tuple[Array, Array]:
+    def begin(self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
         """See `Start.begin`."""
         satellites = platforms[..., self._order, :]
         height = inputs["assumed_height"][:, 0]

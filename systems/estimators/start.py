@@ -32,9 +32,7 @@ class Start(ABC):
         return {}
 
     @abstractmethod
-    def begin(
-        self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]
-    ) -> tuple[Array, Array]:
+    def begin(self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return mean (trials, n) and covariance (trials, n, n); NaN in a trial that cannot start yet.
 
         Parameters
@@ -64,9 +62,7 @@ class GivenStart(Start):
         if self._covariance.shape[-2:] != (n, n):
             raise ValueError(f"start: covariance {self._covariance.shape} does not fit a mean of {n} states")
 
-    def begin(
-        self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]
-    ) -> tuple[Array, Array]:
+    def begin(self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
         """See `Start.begin`."""
         trials, n = measurement.shape[0], self._mean.shape[-1]
         return np.broadcast_to(self._mean, (trials, n)), np.broadcast_to(self._covariance, (trials, n, n))
@@ -90,9 +86,7 @@ class PortStart(Start):
         """See `Start`."""
         return {"initial_estimate": self._covariance.shape[-1]}
 
-    def begin(
-        self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]
-    ) -> tuple[Array, Array]:
+    def begin(self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
         """See `Start.begin`."""
         mean = inputs["initial_estimate"]
         return mean, np.broadcast_to(self._covariance, (mean.shape[0], *self._covariance.shape))

@@ -52,9 +52,7 @@ class GaussianFilter(ABC):
         """
 
 
-def predict_extended(
-    mean: Array, covariance: Array, motion: MotionModel, dt: float
-) -> tuple[Array, Array]:
+def predict_extended(mean: Array, covariance: Array, motion: MotionModel, dt: float) -> tuple[Array, Array]:
     r"""Predict by the motion model and its derivative: :math:`P \leftarrow \Phi P \Phi^T + Q`.
 
     Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, ch. 5 and 10.

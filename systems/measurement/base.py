@@ -97,4 +97,3 @@ def differenced_covariance(sigma: float, rows: int, correlated: bool) -> Array:
     """
     share = 0.5 if correlated else 0.0
     return sigma**2 * ((1 - share) * np.eye(rows) + share * np.ones((rows, rows)))
-

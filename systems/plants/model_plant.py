@@ -7,67 +7,16 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
 from systems.clocks import Clock
+from systems.filters.linear_algebra import semidefinite_root
 from systems.motion.base import MotionModel
 from systems.noise import normal
 from systems.signals import EnsembleBlock, check_trials
 
-__all__ = ["ModelPlant", "semidefinite_root"]
+__all__ = ["ModelPlant"]
 
 Array = NDArray[np.float64]
 
-_RANK = 1e-13  # share of a variance below which what is left of it is rounding error
 _KEPT_ROOTS = 64
-
-
-def semidefinite_root(covariance: ArrayLike) -> Array:
-    """Return the lower triangular L with L L^T = covariance, which may be singular.
-
-    Parameters
-    ----------
-    covariance : array_like, shape (..., n, n)
-        Symmetric positive semidefinite.
-
-    Returns
-    -------
-    ndarray, shape (..., n, n)
-
-    Raises
-    ------
-    ValueError
-        If the matrix is not finite, not symmetric or has a negative eigenvalue.
-
-    Notes
-    -----
-    Cholesky's recursion on the matrix scaled to unit diagonal, with a zero column where the pivot vanishes
-    (Higham, *Analysis of the Cholesky decomposition of a semi-definite matrix*, 1990). An eigenvalue root
-    would not do: where eigenvalues coincide, as in x, y and z of every motion model, it is not unique, and
-    the draws would depend on the LAPACK that is installed.
-    """
-    p = np.asarray(covariance, dtype=float)
-    if p.ndim < 2 or p.shape[-1] != p.shape[-2]:
-        raise ValueError(f"covariance: shape {p.shape} is not allowed; (..., n, n)")
-    if not np.all(np.isfinite(p)):
-        raise ValueError("covariance: all elements must be finite")
-    n = p.shape[-1]
-    variance = np.diagonal(p, axis1=-2, axis2=-1)
-    if np.any(variance < 0):
-        raise ValueError(f"covariance: a variance is negative ({variance.min():.3g})")
-    sigma = np.sqrt(variance)
-    scale = np.where(sigma > 0, sigma, 1.0)
-    scaled = p / scale[..., :, None] / scale[..., None, :]
-    if np.any(np.abs(scaled - np.swapaxes(scaled, -1, -2)) > 1e-9):
-        raise ValueError("covariance: it must be symmetric")
-    root = np.zeros_like(scaled)
-    for j in range(n):
-        known = root[..., :, :j] * root[..., j : j + 1, :j]
-        column = scaled[..., :, j] - known.sum(axis=-1)
-        pivot = column[..., j : j + 1]
-        alive = pivot > _RANK
-        column = np.where(alive, column / np.sqrt(np.where(alive, pivot, 1.0)), 0.0)
-        root[..., j:, j] = column[..., j:]
-    if np.any(np.abs(root @ np.swapaxes(root, -1, -2) - scaled) > 1e-6):
-        raise ValueError("covariance: it has a negative eigenvalue; it must be positive semidefinite")
-    return scale[..., :, None] * root
 
 
 class ModelPlant(EnsembleBlock):

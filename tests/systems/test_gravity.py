@@ -57,8 +57,8 @@ def test_j2_is_as_large_as_it_should_be():
     np.testing.assert_allclose(a[1], [0, 0, -one * (1 - 3 * EARTH.j2)], rtol=1e-15)
 
 
-# SGP4's published verification vectors (Vallado, Crawford, Hujsak, Kelso: Revisiting Spacetrack Report #3, AIAA
-# 2006-6753, output file tcppver.out): km and km/s at 0 and at 120 minutes after epoch.
+# SGP4's published verification vectors (Vallado, Crawford, Hujsak, Kelso: Revisiting Spacetrack Report #3,
+# AIAA 2006-6753, output file tcppver.out): km and km/s at 0 and at 120 minutes after epoch.
 PUBLISHED = {
     "28057": (  # 780 km, sun-synchronous, no drag to speak of
         [-2715.28237486, -6619.26436889, -0.01341443, -1.008587273, 0.422782003, 7.385272942],
@@ -90,8 +90,8 @@ def test_published_sgp4_vectors(number):
         j2: np.linalg.norm((DenseOrbit(start[None], 7200.0, WGS72, j2).at(7200.0)[0] - end)[:3])
         for j2 in (True, False)
     }
-    # SGP4 is first order in J2: what it leaves out is J2^2 = 1.2e-6 of 56 000 km flown, 70 m, times a few, and 06251
-    # has drag. Measured: 72 and 279 m; without J2 31.9 and 65.3 km.
+    # SGP4 is first order in J2: it leaves out J2^2 = 1.2e-6 of 56 000 km flown, 70 m, times a few, and
+    # 06251 has drag. Measured: 72 and 279 m; without J2 31.9 and 65.3 km.
     assert miss[True] < 500
     assert miss[False] > 20e3
 

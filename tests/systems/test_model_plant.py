@@ -6,9 +6,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from systems.clocks import Periodic, Times
+from systems.filters.linear_algebra import semidefinite_root
 from systems.motion.base import MotionModel
 from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
-from systems.plants.model_plant import ModelPlant, semidefinite_root
+from systems.plants.model_plant import ModelPlant
 from systems.recorder import record
 from systems.signals import Draw, set_draw
 
@@ -56,7 +57,7 @@ def random_walk(trials, name="emitter", model=None, clock=None):
     )
 
 
-# ------------------------------------------------------------------------------------------------ square root
+# ---------------------------------------------------------------------------------------------- square root
 
 
 def test_root_of_a_regular_matrix_is_cholesky():
@@ -71,7 +72,7 @@ def test_root_of_a_singular_matrix(rank):
     sigma = np.sqrt(np.diagonal(p, axis1=-2, axis2=-1))
     scale = np.where(sigma > 0, sigma, 1)
     error = (root @ np.swapaxes(root, -1, -2) - p) / scale[..., :, None] / scale[..., None, :]
-    # rounding of unit numbers, amplified by how close to singular the leading blocks are: measured 4e-13
+    # rounding of unit numbers, amplified by how close to singular the leading blocks are: measured 2e-13
     assert np.abs(error).max() < 1e-10
     assert np.array_equal(semidefinite_root(p[3]), root[3])  # alone = in a batch
 
@@ -97,7 +98,7 @@ def test_root_refuses_what_is_no_covariance(p, message):
         semidefinite_root(p)
 
 
-# ------------------------------------------------------------------------------------------------------ moments
+# -------------------------------------------------------------------------------------------------- moments
 
 
 @pytest.mark.parametrize("model", [WhiteNoiseAcceleration(4.0), ConstantVelocity(2.0)], ids=["full", "rank3"])
@@ -142,7 +143,7 @@ def test_noise_that_depends_on_the_state():
         assert abs(w[:, 1].var() - 1) < 5 * np.sqrt(2 / trials)
 
 
-# ----------------------------------------------------------------------------------------------- reproducibility
+# ------------------------------------------------------------------------------------------ reproducibility
 
 
 @pytest.mark.parametrize("model", [WhiteNoiseAcceleration(4.0), Swinging()], ids=["linear", "nonlinear"])
@@ -185,7 +186,7 @@ def test_one_diagram_serves_two_runs():
     assert np.all(ends[0] != ends[1])
 
 
-# -------------------------------------------------------------------------------------------------------- timing
+# --------------------------------------------------------------------------------------------------- timing
 
 
 def test_between_ticks_the_state_is_propagated_and_a_log_changes_nothing():

@@ -1,0 +1,21 @@
+"""Quietfix diagrams: scenarios, wiring, studies, metrics, bounds, figures and the command line."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__all__ = ["load_scenario", "run_study", "systems"]
+
+_WHERE = {
+    "load_scenario": "diagrams.catalogue",
+    "run_study": "diagrams.study",
+    "systems": "diagrams.catalogue",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use: the command line must answer before Drake is loaded."""
+    if name in _WHERE:
+        return getattr(importlib.import_module(_WHERE[name]), name)
+    raise AttributeError(f"module 'diagrams' has no attribute {name!r}")

@@ -1,0 +1,127 @@
+"""Which systems and variants there are, and how a scenario is put together from its layers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from diagrams.errors import UserError, choose
+from systems.registry import ESTIMATORS, locate
+
+__all__ = ["SYSTEMS", "load_scenario", "select_estimators", "split_name", "system", "systems", "variants"]
+
+SYSTEMS: dict[str, str] = {
+    "three_satellite": "diagrams.three_satellite:SYSTEM",
+}
+"""Where each system is, as ``module:NAME``; a new system is one line here."""
+
+
+def systems() -> list[str]:
+    """Return the names of the systems."""
+    return list(SYSTEMS)
+
+
+def system(name: str) -> Any:
+    """Return the `System` of that name.
+
+    Raises
+    ------
+    UserError
+        If there is none.
+    """
+    return locate(SYSTEMS[choose("system", name, SYSTEMS)])
+
+
+def _folder() -> Path:
+    return Path(str(files("diagrams"))) / "scenarios"
+
+
+def variants(name: str) -> list[str]:
+    """Return the names of a system's variants."""
+    return sorted(path.name.split(".")[1] for path in _folder().glob(f"{name}.*.yaml"))
+
+
+def split_name(name: str) -> tuple[str, str | None]:
+    """Split ``SYSTEM`` or ``SYSTEM:VARIANT`` and check both parts."""
+    head, colon, variant = name.partition(":")
+    choose("system", head, SYSTEMS)
+    if not colon:
+        return head, None
+    return head, choose(f"variant of {head}", variant, variants(head))
+
+
+def load_scenario(
+    name: str,
+    variant: str | None = None,
+    file: Path | str | None = None,
+    settings: Sequence[str] = (),
+    text: str | None = None,
+) -> Any:
+    """Return the scenario: packaged values, then the variant's, a user's file, and settings.
+
+    Parameters
+    ----------
+    name : str
+        System.
+    variant : str, optional
+        Variant of the system.
+    file : path, optional
+        A user's YAML; what it does not say stays as packaged.
+    settings : sequence of str
+        ``KEY=VALUE``, dotted.
+    text : str, optional
+        A whole scenario as text, instead of the packaged ones (a result carries its own).
+
+    Returns
+    -------
+    dataclass
+        The system's scenario.
+
+    Raises
+    ------
+    UserError
+        Naming the field, the value and what is allowed.
+    """
+    from diagrams.scenario import apply_setting, load, merge, read_yaml
+
+    schema = system(name).scenario
+    if text is not None:
+        data = read_yaml(text)
+    else:
+        data = read_yaml(_folder() / f"{name}.yaml")
+        if variant is not None:
+            choose(f"variant of {name}", variant, variants(name))
+            data = merge(data, read_yaml(_folder() / f"{name}.{variant}.yaml"))
+    if file is not None:
+        data = merge(data, read_yaml(Path(file)))
+    for setting in settings:
+        data = apply_setting(data, setting)
+    return load(schema, [data])
+
+
+def select_estimators(scenario: Any, wanted: Sequence[str] | None) -> list[str]:
+    """Return the estimators to run: all of the scenario, or those asked for.
+
+    A name from the registry that the scenario lacks, and ``package.module:Class``, are added to the scenario with
+    default options.
+    """
+    if not wanted:
+        if not scenario.estimators:
+            raise UserError("estimators: none is given; at least one is needed")
+        return list(scenario.estimators)
+    chosen: list[str] = []
+    for name in wanted:
+        if name in scenario.estimators:
+            chosen.append(name)
+        elif name in ESTIMATORS and name != "custom":
+            scenario.estimators[name] = locate(ESTIMATORS[name])()
+            chosen.append(name)
+        elif ":" in name:
+            key = name.partition(":")[2].lower()
+            scenario.estimators[key] = locate(ESTIMATORS["custom"])(class_=name)
+            chosen.append(key)
+        else:
+            choose("estimator", name, [*scenario.estimators, *(e for e in ESTIMATORS if e != "custom")])
+    return list(dict.fromkeys(chosen))

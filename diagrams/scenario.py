@@ -1,0 +1,308 @@
+"""Scenarios: typed YAML in, dataclasses out, and back as commented YAML.
+
+A scenario is a dataclass loaded by ``pydrake.common.yaml``. Before that, `check` walks the data beside the
+schema, so that a mistake is reported as field, value and what is allowed.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydrake.common.yaml import yaml_dump, yaml_load, yaml_load_typed
+
+from diagrams.errors import UserError, choose
+
+__all__ = ["apply_setting", "check", "dump", "load", "merge", "read_yaml"]
+
+_TAG = "_tag"
+_KEYWORDS = {"class": "class_"}  # fields whose natural name is a Python keyword
+_PRIMITIVES = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+
+
+def read_yaml(source: Path | str) -> dict[str, Any]:
+    """Read a YAML mapping from a file (Path) or a text (str), tags kept as ``_tag``.
+
+    Raises
+    ------
+    UserError
+        If the file is missing or unreadable, or not a YAML mapping.
+    """
+    where = str(source) if isinstance(source, Path) else "scenario"
+    try:
+        text = source.read_text(encoding="utf-8") if isinstance(source, Path) else source
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise UserError(f"scenario file: {where} cannot be read ({reason})") from error
+    try:
+        data = yaml_load(data=text)
+    except Exception as error:  # PyYAML's own classes are not public through pydrake
+        line = " ".join(str(error).split())
+        raise UserError(f"scenario file: {where} is not valid YAML ({line})") from error
+    if data is None:
+        return {}
+    if not isinstance(data, dict):
+        raise UserError(f"scenario file: {where} holds {type(data).__name__}; a mapping is needed")
+    return data
+
+
+def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Lay one mapping over another: mappings merge, all else (and a mapping of another tag) replaces."""
+    merged = dict(base)
+    for key, value in over.items():
+        old = merged.get(key)
+        same_kind = isinstance(old, Mapping) and isinstance(value, Mapping)
+        if same_kind and value.get(_TAG, old.get(_TAG)) == old.get(_TAG):
+            merged[key] = merge(old, value)
+        else:
+            merged[key] = copy.deepcopy(value)
+    return merged
+
+
+def apply_setting(data: Mapping[str, Any], setting: str) -> dict[str, Any]:
+    """Apply one ``KEY=VALUE`` of the command line; the key is a dotted path, the value YAML.
+
+    Raises
+    ------
+    UserError
+        If there is no ``=`` or the value is not valid YAML.
+    """
+    key, equals, value = setting.partition("=")
+    if not equals or not key.strip():
+        raise UserError(f"--set: {setting!r} is not allowed; KEY=VALUE, such as truth.sigma_tdoa_ns=30")
+    return _set_path(data, key.strip().split("."), read_yaml(f"value: {value}")["value"])
+
+
+def _set_path(data: Any, path: list[str], value: Any) -> Any:
+    head, rest = path[0], path[1:]
+    if isinstance(data, list):
+        if not head.isdigit() or int(head) >= len(data):
+            raise UserError(f"--set: {head} is not an index of a list of {len(data)}")
+        copied = list(data)
+        copied[int(head)] = _set_path(copied[int(head)], rest, value) if rest else value
+        return copied
+    copied = dict(data) if isinstance(data, Mapping) else {}
+    copied[head] = _set_path(copied.get(head, {}), rest, value) if rest else value
+    return copied
+
+
+# ------------------------------------------------------------------------------------------------- checking
+
+
+def check(schema: Any, data: Any, path: str = "") -> None:
+    """Check data against a schema, field by field.
+
+    Parameters
+    ----------
+    schema : type
+        Dataclass or type annotation.
+    data : Any
+        What YAML gave.
+    path : str
+        Dotted path so far, for messages.
+
+    Raises
+    ------
+    UserError
+        Naming the field, the value and what is allowed.
+    """
+    options = _union(schema)
+    if options is not None:
+        if data is None and type(None) in options:
+            return
+        concrete = [option for option in options if option is not type(None)]
+        check(_pick(concrete, data, path), _untagged(data), path)
+    elif dataclasses.is_dataclass(schema):
+        _check_fields(schema, data, path)
+    elif typing.get_origin(schema) is list:
+        if not isinstance(data, list):
+            raise UserError(f"{path}: {data!r} is not allowed; a list")
+        for i, item in enumerate(data):
+            check(typing.get_args(schema)[0], item, f"{path}.{i}")
+    elif typing.get_origin(schema) is dict:
+        if not isinstance(data, Mapping):
+            raise UserError(f"{path}: {data!r} is not allowed; a mapping")
+        for key, item in data.items():
+            check(typing.get_args(schema)[1], item, f"{path}.{key}")
+    else:
+        _check_primitive(schema, data, path)
+
+
+def _union(schema: Any) -> tuple[Any, ...] | None:
+    if typing.get_origin(schema) in (typing.Union, types.UnionType):
+        return typing.get_args(schema)
+    return None
+
+
+def _untagged(data: Any) -> Any:
+    if isinstance(data, Mapping):
+        return {key: value for key, value in data.items() if key != _TAG}
+    return data
+
+
+def _pick(options: list[Any], data: Any, path: str) -> Any:
+    """Return which option of a union the data means: by tag, else the first that fits."""
+    if isinstance(data, Mapping):
+        tags = {option.__name__: option for option in options if dataclasses.is_dataclass(option)}
+        tag = data.get(_TAG)
+        if tag is None:
+            return next(iter(tags.values()), options[0])
+        return tags[choose(path, "!" + tag.lstrip("!"), ["!" + name for name in tags])[1:]]
+    for option in options:
+        if option in _PRIMITIVES and type(data) is option:
+            return option
+    return options[0]
+
+
+def _check_fields(schema: Any, data: Any, path: str) -> None:
+    if not isinstance(data, Mapping):
+        raise UserError(f"{path or 'scenario'}: {data!r} is not allowed; a mapping of fields")
+    fields = {field.name: field for field in dataclasses.fields(schema)}
+    shown = {_natural(name): name for name in fields}
+    for key, value in data.items():
+        name = (
+            shown[choose(f"{path}." * bool(path) + str(key), str(key), shown)]
+            if key not in shown
+            else shown[key]
+        )
+        here = f"{path}.{key}" if path else str(key)
+        field = fields[name]
+        check(field.type, value, here)
+        allowed = field.metadata.get("allowed")
+        if allowed is not None and value is not None:
+            number = float(value) if field.type in (float, float | None) else value
+            if not allowed.test(number):
+                raise UserError(f"{here}: {value!r} is not allowed; {allowed.words}")
+
+
+def _natural(name: str) -> str:
+    return next((plain for plain, safe in _KEYWORDS.items() if safe == name), name)
+
+
+def _check_primitive(schema: Any, data: Any, path: str) -> None:
+    good = {
+        bool: isinstance(data, bool),
+        int: isinstance(data, int) and not isinstance(data, bool),
+        float: isinstance(data, int | float) and not isinstance(data, bool),
+        str: isinstance(data, str),
+    }
+    if schema is float and isinstance(data, str):
+        try:  # YAML 1.1 reads 1e-3 as text
+            float(data)
+        except ValueError:
+            pass
+        else:
+            return
+    if not good.get(schema, True):
+        raise UserError(f"{path}: {data!r} is not allowed; {_PRIMITIVES[schema]}")
+
+
+# ----------------------------------------------------------------------------------------- loading, printing
+
+
+def load(schema: Any, layers: Iterable[Mapping[str, Any]]) -> Any:
+    """Lay mappings over the schema's defaults, check them and load the dataclass.
+
+    Raises
+    ------
+    UserError
+        As `check`.
+    """
+    data: dict[str, Any] = {}
+    for layer in layers:
+        data = merge(data, layer)
+    check(schema, data)
+    text = yaml_dump(_safe_names(data))
+    try:
+        scenario = yaml_load_typed(schema=schema, data=text, retain_map_defaults=False)
+    except Exception as error:  # `check` should have seen it; never show a traceback for a user's file
+        raise UserError(f"scenario: {' '.join(str(error).split())}") from error
+    _restore_order(scenario, data)
+    return scenario
+
+
+def _restore_order(loaded: Any, data: Mapping[str, Any]) -> None:
+    """Put the keys of mappings back into the order of the file: the dump in between has sorted them."""
+    for field in dataclasses.fields(loaded):
+        value, source = getattr(loaded, field.name), data.get(_natural(field.name))
+        if isinstance(value, dict) and isinstance(source, Mapping):
+            setattr(loaded, field.name, {key: value[key] for key in source if key != _TAG})
+        elif dataclasses.is_dataclass(value) and isinstance(source, Mapping):
+            _restore_order(value, source)
+
+
+def _safe_names(data: Any) -> Any:
+    if isinstance(data, Mapping):
+        return {_KEYWORDS.get(key, key): _safe_names(value) for key, value in data.items()}
+    if isinstance(data, list):
+        return [_safe_names(item) for item in data]
+    return data
+
+
+def dump(scenario: Any, comments: bool = True) -> str:
+    """Return a scenario dataclass as YAML, with each field's meaning behind it."""
+    lines: list[str] = []
+    _dump_fields(scenario, 0, comments, lines)
+    return "\n".join(lines) + "\n"
+
+
+def _dump_fields(value: Any, depth: int, comments: bool, lines: list[str]) -> None:
+    pad = "  " * depth
+    for field in dataclasses.fields(value):
+        item = getattr(value, field.name)
+        doc = field.metadata.get("doc", "") if comments else ""
+        note = f"  # {doc}" if doc else ""
+        _dump_item(f"{pad}{_natural(field.name)}:", item, depth, comments, note, lines, field.type)
+
+
+def _dump_item(
+    head: str, item: Any, depth: int, comments: bool, note: str, lines: list[str], kind: Any = None
+) -> None:
+    pad = "  " * depth
+    if dataclasses.is_dataclass(item):
+        options = _union(kind) or ()
+        concrete = [option for option in options if option is not type(None)]
+        tag = f" !{type(item).__name__}" if len(concrete) > 1 else ""
+        if not dataclasses.fields(item):
+            lines.append(f"{head}{tag} {{}}{note}")
+            return
+        lines.append(f"{head}{tag}{note}")
+        _dump_fields(item, depth + 1, comments, lines)
+    elif isinstance(item, Mapping):
+        lines.append(f"{head}{note}" if item else f"{head} {{}}{note}")
+        inner = typing.get_args(kind)[1] if typing.get_args(kind) else None
+        for key, value in item.items():
+            _dump_item(f"{pad}  {key}:", value, depth + 1, comments, "", lines, inner)
+    elif isinstance(item, list) and any(dataclasses.is_dataclass(part) for part in item):
+        lines.append(f"{head}{note}")
+        inner = typing.get_args(kind)[0]
+        for part in item:
+            _dump_item(f"{pad}-", part, depth, comments, "", lines, inner)
+    else:
+        lines.append(f"{head} {_scalar(item)}{note}")
+
+
+def _scalar(item: Any) -> str:
+    if item is None:
+        return "null"
+    if isinstance(item, bool):
+        return "true" if item else "false"
+    if isinstance(item, float):
+        # YAML 1.1 needs a dot in 1.0e-10.
+        shown = repr(item)
+        return shown if "." in shown or "e" not in shown else shown.replace("e", ".0e")
+    if isinstance(item, list):
+        return "[" + ", ".join(_scalar(part) for part in item) + "]"
+    if isinstance(item, str):
+        plain = item.replace("_", "").replace("-", "").isalnum() and not item[:1].isdigit()
+        return (
+            item
+            if plain and item.lower() not in ("true", "false", "null", "yes", "no", "on", "off")
+            else repr(item)
+        )
+    return str(item)

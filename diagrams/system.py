@@ -1,0 +1,86 @@
+"""What a system is to studies, figures and the command line: its scenario and how it is wired."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from systems.clocks import Clock
+from systems.estimators.base import Estimator
+from systems.motion.base import MotionModel
+
+__all__ = ["System", "Wired"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Wired:
+    """A diagram under construction, after truth, sensors and estimators are in it.
+
+    Attributes
+    ----------
+    truth, platforms : OutputPort
+        State of the target, states of the carriers; the only truth that metrics and bounds read.
+    measurement : OutputPort
+        What the sensors say.
+    estimators : mapping of str to Estimator
+        The estimators side by side.
+    clock : Clock
+        When measurements come.
+    duration : float
+        Length of a run [s].
+    divergence : float
+        Position error at the last epoch beyond which a trial counts as diverged [m].
+    start_covariance : callable
+        ``(estimator name, truth (trials, n), platforms) -> (trials, n, n)``: covariance of the start at the truth;
+        it is the prior of the bounds.
+    truth_motion : MotionModel
+        The motion that the truth really has, for the bound that does not know the filter's process noise.
+    start_uses_measurement : bool
+        Whether the first epoch's measurement is spent on the start.
+    signals : mapping of str to OutputPort
+        Further signals worth a log, such as resolved integers.
+    dashed : sequence of (str, str)
+        Feedback connections (from block, to block) of the drawing.
+    """
+
+    truth: OutputPort
+    platforms: OutputPort
+    measurement: OutputPort
+    estimators: Mapping[str, Estimator]
+    clock: Clock
+    duration: float
+    divergence: float
+    start_covariance: Callable[[str, Array, Array], Array]
+    truth_motion: MotionModel
+    start_uses_measurement: bool
+    signals: Mapping[str, OutputPort] = field(default_factory=dict)
+    dashed: Sequence[tuple[str, str]] = ()
+
+
+@dataclass(frozen=True)
+class System:
+    """A system from the literature.
+
+    Attributes
+    ----------
+    name : str
+        As on the command line; the packaged scenarios are ``scenarios/NAME.yaml`` and ``NAME.VARIANT.yaml``.
+    title : str
+        One line.
+    scenario : type
+        Dataclass of its scenario.
+    wire : callable
+        ``wire(builder, scenario, estimators, trials) -> Wired``.
+    """
+
+    name: str
+    title: str
+    scenario: type
+    wire: Callable[[DiagramBuilder, Any, Sequence[str], int], Wired]

@@ -1,0 +1,499 @@
+"""Three satellites track an airborne emitter of unknown height by TDOA, FDOA and two-axis phase.
+
+Xu, Su and Wang, *A moving target tracking method based on fusion of TDOA/FDOA/DOA*, Telecommunication Engineering
+64 (2024) 261, doi 10.20079/j.issn.1001-893x.220609005.
+"""
+
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder
+
+from diagrams.errors import UserError
+from diagrams.system import System, Wired
+from systems.clocks import Periodic
+from systems.documented import choice, documented, number
+from systems.estimators.base import Wiring
+from systems.estimators.known_height_start import KnownHeightStart
+from systems.estimators.phase_resolver import PhaseResolver
+from systems.fixes.known_height import has_closed_form
+from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed
+from systems.measurement.altitude import Altitude
+from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
+from systems.measurement.fdoa import Fdoa
+from systems.measurement.phase import InterferometerPhase
+from systems.measurement.stack import Stack
+from systems.measurement.tdoa import Tdoa
+from systems.measurement.visibility import ElevationMask
+from systems.motion.constant_velocity import ConstantVelocity
+from systems.motion.gravity import GravityConstants
+from systems.motion.kepler import KeplerElements, state_of
+from systems.plants.emitter import GreatCircle as GreatCirclePlant
+from systems.plants.emitter import StraightLine as StraightLinePlant
+from systems.plants.model_plant import ModelPlant
+from systems.plants.orbit import DenseOrbit
+from systems.registry import estimator_options
+from systems.sensors.sensor import Sensor
+
+__all__ = ["SYSTEM", "Scenario", "models", "satellite_states", "target_state"]
+
+Array = NDArray[np.float64]
+
+_KM = 1e3
+_KINDS = ("tdoa", "fdoa", "phase_a", "phase_b")
+
+
+@dataclass
+class Constants:
+    """Physical constants."""
+
+    mu_m3ps2: float = number("gravitational parameter of the Earth [m^3/s^2]", 3.986004418e14, above=0)
+    earth_radius_m: float = number("equatorial radius of the Earth [m]", 6378137.0, above=0)
+    j2: float = number("second zonal harmonic; 0 is two-body motion", 1.0826261e-3)
+    earth_rate_radps: float = number("rotation rate of the Earth [rad/s]", 7.292115e-5)
+
+
+@dataclass
+class ReferenceOrbit:
+    """A circular orbit with ascending node 0, argument of latitude 0 at t = 0."""
+
+    altitude_km: float = number("height above the equatorial radius [km]", 700.0, above=0)
+    inclination_deg: float = number("inclination [deg]", 60.0, above=0, at_most=179.9)
+
+
+@dataclass
+class Offset:
+    """A satellite in a circular orbit beside the reference orbit."""
+
+    along_km: float = number("ahead of the reference along the track [km]", 0.0)
+    across_km: float = number("to the right of the track at the node, by a shifted node [km]", 0.0)
+
+
+@dataclass
+class Kepler:
+    """A satellite by Kepler elements at t = 0; inertial and Earth-fixed axes coincide then."""
+
+    semi_major_axis_km: float = number("semi-major axis [km]", 7078.137, above=0)
+    eccentricity: float = number("eccentricity", 0.0, at_least=0, at_most=0.9)
+    inclination_deg: float = number("inclination [deg]", 60.0)
+    raan_deg: float = number("right ascension of the ascending node [deg]", 0.0)
+    argument_of_perigee_deg: float = number("argument of perigee [deg]", 0.0)
+    true_anomaly_deg: float = number("true anomaly [deg]", 0.0)
+
+
+@dataclass
+class PositionVelocity:
+    """A satellite by its inertial position and velocity at t = 0."""
+
+    position_km: list[float] = documented("inertial x, y, z [km]", factory=lambda: [7078.137, 0.0, 0.0])
+    velocity_kmps: list[float] = documented("inertial vx, vy, vz [km/s]", factory=lambda: [0.0, 3.75, 6.5])
+
+
+@dataclass
+class StraightLine:
+    """A straight line in Earth-fixed axes, as the filter's model has it."""
+
+
+@dataclass
+class GreatCircle:
+    """Constant height and speed along a great circle."""
+
+
+@dataclass
+class RandomAcceleration:
+    """The filter's own kind of motion: velocity drawn per trial, process noise; for consistency tests."""
+
+    acceleration_mps2: float = number(
+        "standard deviation of the acceleration in a step [m/s^2]", 0.1, at_least=0
+    )
+    sigma_velocity_mps: float = number("standard deviation of the initial velocity [m/s]", 400.0, at_least=0)
+
+
+@dataclass
+class Truth:
+    """What is the case."""
+
+    along_km: float = number(
+        "place of the target at t = 0, from satellite 0's sub-point at mid pass: along [km]", 0.0
+    )
+    cross_km: float = number("the same, to the right of the ground track [km]", 300.0)
+    height_km: float = number("height of the target above the ellipsoid [km]", 10.0, above=-1, at_most=500)
+    speed_mps: float = number("speed of the target [m/s]", 300.0, at_least=0, at_most=8000)
+    course_deg: float = number("course of the target, clockwise from north [deg]", 60.0)
+    motion: StraightLine | GreatCircle | RandomAcceleration = documented(
+        "how the target moves: !StraightLine, !GreatCircle or !RandomAcceleration", factory=StraightLine
+    )
+    carrier_ghz: float = number("carrier frequency of the emitter [GHz]", 3.0, above=0)
+    baseline_m: float = number("baseline of the interferometer on satellite 0 [m]", 3.0, above=0)
+    chain_m: list[float] = documented(
+        "shorter baselines that resolve the phase one after the other [m]; empty: the TDOA fix resolves it",
+        factory=list,
+    )
+    phase: str = choice(
+        "wrapped: the phases come in [-pi, pi); unambiguous: an ideal sensor",
+        "wrapped",
+        ("wrapped", "unambiguous"),
+    )
+    sigma_tdoa_ns: float = number("standard deviation of a TDOA [ns]", 20.0, above=0)
+    sigma_fdoa_hz: float = number("standard deviation of an FDOA [Hz]", 1.0, above=0)
+    sigma_phase_deg: float = number("standard deviation of a phase [deg]", 15.0, above=0)
+    correlated: bool = documented("errors of differences correlated through satellite 0", False)
+    light_time: bool = documented(
+        "TDOA and FDOA of one wave front, instead of geometry of one instant", False
+    )
+    paper_sign: bool = documented(
+        "FDOA as range-rate difference over wavelength, as the paper prints it", False
+    )
+    sigma_assumed_height_km: float = number("error of the height assumed at the start [km]", 3.0, above=0)
+    minimum_elevation_deg: float = number(
+        "a satellite lower than this over the target's horizon hears nothing [deg]",
+        0.0,
+        at_least=-90,
+        at_most=89,
+    )
+
+
+@dataclass
+class Belief:
+    """What the estimators believe; null means: as the truth."""
+
+    acceleration_mps2: float = number("process noise: acceleration in a step [m/s^2]", 0.1, at_least=0)
+    sigma_velocity_mps: float = number(
+        "velocity at the start is 0 with this standard deviation [m/s]", 400.0, above=0
+    )
+    sigma_satellite_m: float = number(
+        "error of a satellite's position per axis, in P1 only [m]", 0.0, at_least=0
+    )
+    start: str = choice("how the first fix is solved", "auto", ("auto", "closed_form", "newton"))
+    sigma_assumed_height_km: float | None = number("error of the assumed height [km]", None, above=0)
+    sigma_tdoa_ns: float | None = number("standard deviation of a TDOA [ns]", None, above=0)
+    sigma_fdoa_hz: float | None = number("standard deviation of an FDOA [Hz]", None, above=0)
+    sigma_phase_deg: float | None = number("standard deviation of a phase [deg]", None, above=0)
+    correlated: bool | None = documented("errors of differences correlated through satellite 0", None)
+    light_time: bool | None = documented("TDOA and FDOA of one wave front", None)
+
+
+@dataclass
+class Scenario:
+    """Scenario of `three_satellite`."""
+
+    duration_s: float = number("length of the pass [s]", 150.0, above=0)
+    period_s: float = number("time between measurements [s]", 1.0, above=0)
+    divergence_m: float = number("a trial further off than this at the end has diverged [m]", 50e3, above=0)
+    constants: Constants = documented("physical constants", factory=Constants)
+    reference_orbit: ReferenceOrbit = documented("orbit that the offsets refer to", factory=ReferenceOrbit)
+    satellites: list[Offset | Kepler | PositionVelocity] = documented(
+        "the three satellites, !Offset, !Kepler or !PositionVelocity; the first is the reference and carries the "
+        "interferometer",
+        factory=list,
+    )
+    truth: Truth = documented("what is the case", factory=Truth)
+    belief: Belief = documented("what the estimators believe", factory=Belief)
+    estimators: dict[str, estimator_options()] = documented(
+        "the estimators side by side; the first one's prediction resolves the phases", factory=dict
+    )
+
+
+# ------------------------------------------------------------------------------------------------ geometry
+
+
+def _constants(scenario: Scenario) -> GravityConstants:
+    c = scenario.constants
+    return GravityConstants(mu=c.mu_m3ps2, radius=c.earth_radius_m, j2=c.j2, earth_rate=c.earth_rate_radps)
+
+
+def satellite_states(scenario: Scenario) -> Array:
+    """Return the satellites' inertial states at t = 0, shape (satellites, 6).
+
+    Raises
+    ------
+    UserError
+        If there are not three.
+    """
+    if len(scenario.satellites) != 3:
+        raise UserError(f"satellites: {len(scenario.satellites)} are given; exactly 3 are needed")
+    mu = scenario.constants.mu_m3ps2
+    a = scenario.constants.earth_radius_m + scenario.reference_orbit.altitude_km * _KM
+    inclination = math.radians(scenario.reference_orbit.inclination_deg)
+    states = []
+    for i, satellite in enumerate(scenario.satellites):
+        if isinstance(satellite, Offset):
+            node = satellite.across_km * _KM / a / math.sin(inclination)
+            latitude = satellite.along_km * _KM / a - node * math.cos(inclination)
+            elements = KeplerElements(a, 0.0, inclination, node, 0.0, latitude)
+        elif isinstance(satellite, Kepler):
+            elements = KeplerElements(
+                satellite.semi_major_axis_km * _KM,
+                satellite.eccentricity,
+                *(
+                    math.radians(angle)
+                    for angle in (
+                        satellite.inclination_deg,
+                        satellite.raan_deg,
+                        satellite.argument_of_perigee_deg,
+                        satellite.true_anomaly_deg,
+                    )
+                ),
+            )
+        else:
+            for field in ("position_km", "velocity_kmps"):
+                value = getattr(satellite, field)
+                if len(value) != 3 or not np.all(np.isfinite(value)):
+                    raise UserError(f"satellites.{i}.{field}: {value} is not allowed; three finite numbers")
+            states.append(_KM * np.array([*satellite.position_km, *satellite.velocity_kmps]))
+            continue
+        states.append(state_of(elements, mu))
+    return np.array(states)
+
+
+def target_state(scenario: Scenario, orbit: DenseOrbit) -> Array:
+    """Return the target's Earth-fixed state at t = 0, shape (6,).
+
+    The place is counted from the sub-satellite point of satellite 0 at half the duration, along its ground track
+    (Earth-fixed velocity) and to the right of it, on a sphere through that point.
+    """
+    truth = scenario.truth
+    middle = scenario.duration_s / 2
+    state = inertial_to_earth_fixed(orbit.at(middle)[0], middle, scenario.constants.earth_rate_radps)
+    up_ = state[:3] / np.linalg.norm(state[:3])
+    forward = state[3:] - up_ * (up_ @ state[3:])
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, up_)
+    radius = scenario.constants.earth_radius_m
+    along, cross = truth.along_km * _KM / radius, truth.cross_km * _KM / radius
+    ahead = math.cos(along) * up_ + math.sin(along) * forward
+    place = math.cos(cross) * ahead + math.sin(cross) * right
+    latitude, longitude, _ = ecef_to_geodetic(radius * place)
+    return geodetic_state(
+        latitude, longitude, truth.height_km * _KM, math.radians(truth.course_deg), truth.speed_mps
+    ).reshape(6)
+
+
+# -------------------------------------------------------------------------------------------------- models
+
+
+def models(scenario: Scenario, believed: bool) -> dict[str, MeasurementModel]:
+    """Return the measurement models, of the truth or as the estimators believe them, by kind.
+
+    Keys ``tdoa``, ``fdoa``, ``phase_a``, ``phase_b``, and ``phase``: both axes together.
+    """
+    truth, belief = scenario.truth, scenario.belief
+
+    def chosen(field: str) -> Any:
+        value = getattr(belief, field) if believed else None
+        return getattr(truth, field) if value is None else value
+
+    common = {
+        "correlated": chosen("correlated"),
+        "light_time": chosen("light_time"),
+        "earth_rate": scenario.constants.earth_rate_radps,
+    }
+    carrier = truth.carrier_ghz * 1e9
+    wrapped = truth.phase == "wrapped" and not believed
+    phases = {
+        name: InterferometerPhase(
+            math.radians(chosen("sigma_phase_deg")),
+            truth.baseline_m,
+            SPEED_OF_LIGHT / carrier,
+            axes,
+            wrapped=wrapped,
+            earth_rate=scenario.constants.earth_rate_radps,
+        )
+        for name, axes in (("phase_a", ["a"]), ("phase_b", ["b"]), ("phase", ["a", "b"]))
+    }
+    return {
+        "tdoa": Tdoa(chosen("sigma_tdoa_ns") * 1e-9, **common),
+        "fdoa": Fdoa(chosen("sigma_fdoa_hz"), carrier, paper_sign=truth.paper_sign, **common),
+        **phases,
+    }
+
+
+def _chain(scenario: Scenario) -> list[InterferometerPhase]:
+    truth = scenario.truth
+    wavelength = SPEED_OF_LIGHT / (truth.carrier_ghz * 1e9)
+    return [
+        InterferometerPhase(
+            math.radians(truth.sigma_phase_deg),
+            baseline,
+            wavelength,
+            wrapped=True,
+            earth_rate=scenario.constants.earth_rate_radps,
+        )
+        for baseline in truth.chain_m
+    ]
+
+
+def _believed_stack(scenario: Scenario, name: str) -> MeasurementModel:
+    options = scenario.estimators[name]
+    available = models(scenario, believed=True)
+    kinds = list(options.measurements) or ["tdoa", "fdoa", "phase"]
+    unknown = [kind for kind in kinds if kind not in available]
+    if unknown:
+        raise UserError(
+            f"estimators.{name}.measurements: {unknown} is not allowed; any of {', '.join(_KINDS)}"
+        )
+    return Stack([available[kind] for kind in kinds])
+
+
+# -------------------------------------------------------------------------------------------------- wiring
+
+
+def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str], trials: int) -> Wired:
+    """Put truth, sensor, start, resolver and estimators into a diagram; see `diagrams.system.System`."""
+    constants = _constants(scenario)
+    orbit = builder.AddSystem(
+        DenseOrbit(
+            satellite_states(scenario),
+            scenario.duration_s,
+            constants=constants,
+            j2=constants.j2 != 0,
+            name="satellites",
+        )
+    )
+    platforms = orbit.GetOutputPort("state")
+    clock = Periodic(scenario.period_s)
+    start_state = target_state(scenario, orbit)
+    _check_visible(scenario, orbit, start_state)
+
+    motion = scenario.truth.motion
+    truth_motion = ConstantVelocity(0.0)
+    if isinstance(motion, RandomAcceleration):
+        truth_motion = ConstantVelocity(motion.acceleration_mps2)
+        mean = np.concatenate([start_state[:3], np.zeros(3)])
+        spread = np.diag([0.0] * 3 + [motion.sigma_velocity_mps**2] * 3)
+        emitter = builder.AddSystem(ModelPlant(truth_motion, clock, mean, spread, trials, name="emitter"))
+    else:
+        kind = GreatCirclePlant if isinstance(motion, GreatCircle) else StraightLinePlant
+        emitter = builder.AddSystem(kind(start_state, name="emitter"))
+    truth = emitter.GetOutputPort("state")
+    truth_trials = emitter.output_size("state")[0]
+
+    sensor, stream, resolver = _add_sensor(builder, scenario, clock, trials, truth_trials)
+    believed = models(scenario, believed=True)
+    assumed = builder.AddSystem(
+        Sensor(
+            Altitude(scenario.truth.sigma_assumed_height_km * _KM, "assumed_height"),
+            clock,
+            trials,
+            3,
+            target_trials=truth_trials,
+            name="assumed_height",
+        )
+    )
+    for block in (sensor, assumed):
+        builder.Connect(truth, block.GetInputPort("target"))
+        builder.Connect(platforms, block.GetInputPort("platforms"))
+
+    measured = sensor.GetOutputPort("measurement")
+    if resolver is not None:
+        builder.Connect(measured, resolver.GetInputPort("measurement"))
+        builder.Connect(platforms, resolver.GetInputPort("platforms"))
+        measured = resolver.GetOutputPort("measurement")
+
+    sigma_height = scenario.belief.sigma_assumed_height_km or scenario.truth.sigma_assumed_height_km
+    tdoa = believed["tdoa"]
+    assert isinstance(tdoa, Tdoa)
+    start = KnownHeightStart(
+        tdoa,
+        stream,
+        sigma_height * _KM,
+        scenario.belief.sigma_velocity_mps,
+        scenario.belief.sigma_satellite_m,
+        scenario.belief.start,
+    )
+    wiring = Wiring(trials, stream, clock, platforms=3)
+    blocks = {}
+    for name in estimators:
+        block = builder.AddSystem(
+            scenario.estimators[name].make(
+                name,
+                _believed_stack(scenario, name),
+                ConstantVelocity(scenario.belief.acceleration_mps2),
+                start,
+                wiring,
+            )
+        )
+        builder.Connect(measured, block.GetInputPort("measurement"))
+        builder.Connect(platforms, block.GetInputPort("platforms"))
+        builder.Connect(assumed.GetOutputPort("measurement"), block.GetInputPort("assumed_height"))
+        blocks[name] = block
+
+    signals = {}
+    dashed = []
+    if resolver is not None:
+        signals["integers"] = resolver.GetOutputPort("integers")
+        if not scenario.truth.chain_m:
+            feedback = blocks[estimators[0]]
+            builder.Connect(feedback.GetOutputPort("prediction"), resolver.GetInputPort("prediction"))
+            dashed.append((feedback.get_name(), resolver.get_name()))
+    return Wired(
+        truth=truth,
+        platforms=platforms,
+        measurement=measured,
+        estimators=blocks,
+        clock=clock,
+        duration=scenario.duration_s,
+        divergence=scenario.divergence_m,
+        start_covariance=lambda name, target, carriers: start.covariance_at(target, carriers),
+        truth_motion=truth_motion,
+        start_uses_measurement=start.uses_measurement,
+        signals=signals,
+        dashed=dashed,
+    )
+
+
+def _add_sensor(
+    builder: DiagramBuilder, scenario: Scenario, clock: Periodic, trials: int, truth_trials: int
+) -> tuple[Sensor, list[str], PhaseResolver | None]:
+    """Add the sensor and, for wrapped phases, the resolver; return them and the names of the rows after it."""
+    real = models(scenario, believed=False)
+    phase, tdoa = real["phase"], real["tdoa"]
+    assert isinstance(phase, InterferometerPhase) and isinstance(tdoa, Tdoa)
+    parts = [tdoa, real["fdoa"], phase]
+    chain = _chain(scenario)
+    for i, link in enumerate(chain):
+        link.names = PhaseResolver.link_names(phase, i)
+        parts.append(link)
+    stack = Stack(parts)
+    mask = ElevationMask(math.radians(scenario.truth.minimum_elevation_deg), "target")
+    sensor = builder.AddSystem(
+        Sensor(stack, clock, trials, 3, target_trials=truth_trials, mask=mask, name="sensor")
+    )
+    if scenario.truth.phase == "unambiguous":
+        if chain:
+            raise UserError("truth.chain_m: a chain of baselines is for truth.phase wrapped only")
+        return sensor, list(stack.names), None
+    resolver = builder.AddSystem(PhaseResolver(stack.names, phase, tdoa, trials, 3, chain))
+    return sensor, resolver.stream, resolver
+
+
+def _check_visible(scenario: Scenario, orbit: DenseOrbit, target: Array) -> None:
+    """Refuse what cannot be measured or started at all."""
+    times = np.linspace(0.0, scenario.duration_s, 31)
+    platforms = inertial_to_earth_fixed(orbit.at(times), times[:, None], scenario.constants.earth_rate_radps)
+    moving = target + times[:, None] * np.concatenate([target[3:], np.zeros(3)])
+    mask = ElevationMask(math.radians(scenario.truth.minimum_elevation_deg), "target")
+    if not mask.visible(moving, platforms).any():
+        raise UserError(
+            f"truth.along_km, truth.cross_km: ({scenario.truth.along_km:g}, {scenario.truth.cross_km:g}) is not "
+            f"allowed; the target is below {scenario.truth.minimum_elevation_deg:g} deg elevation of all satellites "
+            "for the whole pass"
+        )
+    if scenario.belief.start == "closed_form" and not np.all(has_closed_form(platforms[:1])):
+        raise UserError(
+            "belief.start: closed_form is not allowed for this formation (collinear, or in one plane with the "
+            "Earth's centre); newton or auto"
+        )
+
+
+SYSTEM = System(
+    name="three_satellite",
+    title="airborne emitter of unknown height, three satellites: TDOA, FDOA, two-axis phase",
+    scenario=Scenario,
+    wire=wire,
+)

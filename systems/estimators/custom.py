@@ -1,0 +1,53 @@
+"""A user's own estimator class, named by where it is."""
+
+from dataclasses import dataclass
+
+from systems.documented import documented, text
+from systems.estimators.base import Estimator, Wiring
+from systems.estimators.kalman import KalmanEstimator
+from systems.estimators.options import EstimatorOptions
+from systems.estimators.start import Start
+from systems.filters.gaussian import GaussianFilter
+from systems.measurement.base import MeasurementModel
+from systems.motion.base import MotionModel
+from systems.registry import locate
+
+__all__ = ["Custom"]
+
+
+@dataclass
+class Custom(EstimatorOptions):
+    """``!Custom {class: package.module:Class, options: {...}}``.
+
+    The class is either an `Estimator`, made as ``Class(name, model, motion, start, wiring, **options)``, or a
+    `GaussianFilter`, made as ``Class(**options)`` and put behind the common ports.
+    """
+
+    class_: str = text("where the class is: package.module:Class")
+    options: dict[str, bool | int | float | str] = documented("keyword arguments of the class", factory=dict)
+
+    def make(
+        self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring
+    ) -> Estimator:
+        """Return the estimator block.
+
+        Raises
+        ------
+        ValueError
+            If the class cannot be found, is neither kind, or refuses the options.
+        """
+        kind = locate(self.class_)
+        if not isinstance(kind, type) or not issubclass(kind, Estimator | GaussianFilter):
+            raise ValueError(
+                f"estimators.{name}.class: {self.class_} is not allowed; a subclass of "
+                "systems.estimators.base.Estimator or systems.filters.gaussian.GaussianFilter"
+            )
+        abstract = getattr(kind, "__abstractmethods__", frozenset())
+        if abstract:
+            raise ValueError(f"estimators.{name}.class: {self.class_} lacks {', '.join(sorted(abstract))}")
+        try:
+            if issubclass(kind, GaussianFilter):
+                return KalmanEstimator(name, kind(**self.options), model, motion, start, wiring)
+            return kind(name, model, motion, start, wiring, **self.options)
+        except TypeError as error:
+            raise ValueError(f"estimators.{name}.options: {self.class_} says: {error}") from error

@@ -1,0 +1,28 @@
+"""What the options of every estimator have in common."""
+
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from systems.documented import documented
+from systems.estimators.base import Estimator, Wiring
+from systems.estimators.start import Start
+from systems.measurement.base import MeasurementModel
+from systems.motion.base import MotionModel
+
+__all__ = ["EstimatorOptions"]
+
+
+@dataclass
+class EstimatorOptions(ABC):
+    """Options of an estimator as a user writes them; the class name is the YAML tag."""
+
+    measurements: list[str] = documented(
+        "kinds of measurement that it uses, such as [tdoa, fdoa, phase_a]; empty: all", factory=list
+    )
+
+    @abstractmethod
+    def make(
+        self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring
+    ) -> Estimator:
+        """Return the estimator block."""

@@ -1,0 +1,165 @@
+"""Resolve the integers of wrapped interferometer phases."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context
+
+from systems.fixes.known_height import known_height_fix
+from systems.frames import ecef_to_geodetic
+from systems.measurement.phase import InterferometerPhase
+from systems.measurement.tdoa import Tdoa
+from systems.signals import EnsembleBlock
+
+__all__ = ["PhaseResolver", "chain_probability", "resolve"]
+
+Array = NDArray[np.float64]
+
+
+def resolve(wrapped: Array, predicted: Array) -> tuple[Array, Array]:
+    r"""Add the whole cycles that bring a wrapped phase next to a predicted one.
+
+    Parameters
+    ----------
+    wrapped, predicted : ndarray, shape (...)
+        Wrapped and predicted unambiguous phase [rad].
+
+    Returns
+    -------
+    phase, integer : ndarray, shape (...)
+        :math:`\varphi + 2\pi m` with :math:`m = \mathrm{round}((\hat\varphi - \varphi)/2\pi)`.
+    """
+    integer = np.round((predicted - wrapped) / (2 * np.pi))
+    return wrapped + 2 * np.pi * integer, integer
+
+
+def chain_probability(ratio: float, sigma: float) -> float:
+    r"""Return the probability that one stage of a baseline chain finds the right integer.
+
+    .. math:: P = \mathrm{erf}\left(\frac{\pi}{\sqrt 2\,\sigma\sqrt{1 + r^2}}\right)
+
+    The longer baseline's phase is predicted as r times the shorter one's; the prediction error is
+    :math:`\sigma\sqrt{1 + r^2}` and must stay below half a cycle.
+
+    Parameters
+    ----------
+    ratio : float
+        r, longer over shorter baseline.
+    sigma : float
+        Standard deviation of every phase [rad].
+    """
+    return math.erf(math.pi / (math.sqrt(2) * sigma * math.sqrt(1 + ratio**2)))
+
+
+class PhaseResolver(EnsembleBlock):
+    """Turn wrapped phases into unambiguous ones.
+
+    Without a chain, as in section 2.2 of Xu, Su and Wang, doi 10.20079/j.issn.1001-893x.220609005: the filter's
+    predicted height (fed back from ``prediction``) and the TDOAs of now give a position, its phase the integers.
+    The TDOAs, not the predicted position: a height error moves their fix along the line of sight, which barely
+    changes the phase. With a chain of shorter baselines every phase is resolved by the next shorter one, and the
+    shortest must be at most half a wavelength; nothing is then fed back.
+
+    Inputs ``measurement``, ``platforms`` and, without a chain, ``prediction``; outputs ``measurement`` (the long
+    baseline's phases unambiguous, the chain's rows dropped) and ``integers``.
+
+    Parameters
+    ----------
+    stream : sequence of str
+        Names of the rows that come in.
+    phase : InterferometerPhase
+        The long baseline.
+    tdoa : Tdoa
+        For the fix.
+    trials, platforms : int
+        Trials, and number of carriers on the platforms port.
+    chain : sequence of InterferometerPhase
+        Shorter baselines, from the shortest; their rows are ``phase_a_1`` ... for the shortest.
+    name : str
+        Name of the block.
+    """
+
+    def __init__(
+        self,
+        stream: Sequence[str],
+        phase: InterferometerPhase,
+        tdoa: Tdoa,
+        trials: int,
+        platforms: int,
+        chain: Sequence[InterferometerPhase] = (),
+        platform_trials: int = 1,
+        name: str = "phase_resolver",
+    ) -> None:
+        super().__init__(name)
+        self._phase, self._tdoa, self._platforms = phase, tdoa, platforms
+        self._chain = list(chain)
+        lengths = [part.baseline for part in [*self._chain, phase]]
+        if lengths != sorted(lengths):
+            raise ValueError(f"chain of baselines: {lengths} must increase")
+        if self._chain and lengths[0] > phase.wavelength / 2:
+            raise ValueError(
+                f"chain of baselines: the shortest, {lengths[0]:g} m, is not unambiguous; at most half a "
+                f"wavelength, {phase.wavelength / 2:g} m"
+            )
+        stream = list(stream)
+        links = [row for i in range(len(self._chain)) for row in self.link_names(phase, i)]
+        self.stream = [row for row in stream if row not in links]
+        self._kept = [stream.index(row) for row in self.stream]
+        self._phase_rows = [self.stream.index(row) for row in phase.names]
+        self._tdoa_rows = [stream.index(row) for row in tdoa.names]
+        self._link_rows = [
+            [stream.index(row) for row in self.link_names(phase, i)] for i in range(len(self._chain))
+        ]
+        self._order = [tdoa.reference, *tdoa.receivers]
+
+        self.declare_input("measurement", trials, len(stream))
+        self.declare_input("platforms", platform_trials, 6 * platforms)
+        if not self._chain:
+            self.declare_input("prediction", trials, 6)
+        inputs = {
+            self.input_port_ticket(self.get_input_port(i).get_index()) for i in range(self.num_input_ports())
+        }
+        self._resolved = self.declare_cached("resolved", PhaseResolver._calc, inputs)
+        ticket = {self.cached_ticket(self._resolved)}
+        self.declare_output(
+            "measurement", trials, len(self.stream), lambda c: self.cached(c, self._resolved)[0], ticket
+        )
+        self.declare_output(
+            "integers", trials, phase.size, lambda c: self.cached(c, self._resolved)[1], ticket
+        )
+
+    @staticmethod
+    def link_names(phase: InterferometerPhase, link: int) -> tuple[str, ...]:
+        """Return the row names of the chain's baseline number `link`, 0 the shortest."""
+        return tuple(f"{row}_{link + 1}" for row in phase.names)
+
+    def _calc(self, context: Context) -> tuple[Array, Array]:
+        stream = self.read(context, "measurement")
+        kept = stream[:, self._kept].copy()
+        wrapped = kept[:, self._phase_rows]
+        if self._chain:
+            known = stream[:, self._link_rows[0]]
+            lengths = [part.baseline for part in [*self._chain, self._phase]]
+            for i in range(1, len(lengths)):
+                longer = wrapped if i == len(self._chain) else stream[:, self._link_rows[i]]
+                known, integers = resolve(longer, known * lengths[i] / lengths[i - 1])
+        else:
+            predicted = self._predict(context, stream)
+            known, integers = resolve(wrapped, predicted)
+        kept[:, self._phase_rows] = known
+        return kept, integers
+
+    def _predict(self, context: Context, stream: Array) -> Array:
+        """Return the phases at the TDOA fix of now, at the filter's predicted height."""
+        prediction = self.read(context, "prediction")
+        platforms = self.read(context, "platforms").reshape(-1, self._platforms, 6)
+        height = ecef_to_geodetic(prediction[:, :3])[2]
+        fix = known_height_fix(
+            stream[:, self._tdoa_rows], platforms[:, self._order], height, start=prediction[:, :3]
+        )
+        target = np.concatenate([fix, np.zeros_like(fix)], axis=-1)
+        return self._phase.predict(target, platforms)

@@ -1,0 +1,40 @@
+"""Names of what can be swapped; a new estimator is its file and one line here."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__all__ = ["ESTIMATORS", "estimator_options", "locate"]
+
+ESTIMATORS: dict[str, str] = {
+    "iekf": "systems.estimators.iekf:Iekf",
+    "ekf": "systems.estimators.ekf:Ekf",
+    "ukf": "systems.estimators.ukf:Ukf",
+    "custom": "systems.estimators.custom:Custom",
+}
+"""Options class of each estimator, as ``module:Class``."""
+
+
+def locate(path: str) -> Any:
+    """Import what ``package.module:Name`` names.
+
+    Raises
+    ------
+    ValueError
+        If the module or the name does not exist.
+    """
+    module, _, name = path.partition(":")
+    if not module or not name:
+        raise ValueError(f"class: {path!r} is not allowed; package.module:Class")
+    try:
+        return getattr(importlib.import_module(module), name)
+    except ImportError as error:
+        raise ValueError(f"class: {path} cannot be imported ({error})") from error
+    except AttributeError as error:
+        raise ValueError(f"class: module {module} has no {name}") from error
+
+
+def estimator_options() -> tuple[type, ...]:
+    """Return the options classes of all registered estimators; each class name is a YAML tag."""
+    return tuple(locate(path) for path in ESTIMATORS.values())
