@@ -165,11 +165,7 @@ def _check_fields(schema: Any, data: Any, path: str) -> None:
     fields = {field.name: field for field in dataclasses.fields(schema)}
     shown = {_natural(name): name for name in fields}
     for key, value in data.items():
-        name = (
-            shown[choose(f"{path}." * bool(path) + str(key), str(key), shown)]
-            if key not in shown
-            else shown[key]
-        )
+        name = shown[choose(f"{path}." * bool(path) + str(key), str(key), shown)] if key not in shown else shown[key]
         here = f"{path}.{key}" if path else str(key)
         field = fields[name]
         check(field.type, value, here)
@@ -260,9 +256,7 @@ def _dump_fields(value: Any, depth: int, comments: bool, lines: list[str]) -> No
         _dump_item(f"{pad}{_natural(field.name)}:", item, depth, comments, note, lines, field.type)
 
 
-def _dump_item(
-    head: str, item: Any, depth: int, comments: bool, note: str, lines: list[str], kind: Any = None
-) -> None:
+def _dump_item(head: str, item: Any, depth: int, comments: bool, note: str, lines: list[str], kind: Any = None) -> None:
     pad = "  " * depth
     if dataclasses.is_dataclass(item):
         options = _union(kind) or ()
@@ -300,9 +294,5 @@ def _scalar(item: Any) -> str:
         return "[" + ", ".join(_scalar(part) for part in item) + "]"
     if isinstance(item, str):
         plain = item.replace("_", "").replace("-", "").isalnum() and not item[:1].isdigit()
-        return (
-            item
-            if plain and item.lower() not in ("true", "false", "null", "yes", "no", "on", "off")
-            else repr(item)
-        )
+        return item if plain and item.lower() not in ("true", "false", "null", "yes", "no", "on", "off") else repr(item)
     return str(item)

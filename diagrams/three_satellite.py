@@ -108,9 +108,7 @@ class GreatCircle:
 class RandomAcceleration:
     """The filter's own kind of motion: velocity drawn per trial, process noise; for consistency tests."""
 
-    acceleration_mps2: float = number(
-        "standard deviation of the acceleration in a step [m/s^2]", 0.1, at_least=0
-    )
+    acceleration_mps2: float = number("standard deviation of the acceleration in a step [m/s^2]", 0.1, at_least=0)
     sigma_velocity_mps: float = number("standard deviation of the initial velocity [m/s]", 400.0, at_least=0)
 
 
@@ -118,9 +116,7 @@ class RandomAcceleration:
 class Truth:
     """What is the case."""
 
-    along_km: float = number(
-        "place of the target at t = 0, from satellite 0's sub-point at mid pass: along [km]", 0.0
-    )
+    along_km: float = number("place of the target at t = 0, from satellite 0's sub-point at mid pass: along [km]", 0.0)
     cross_km: float = number("the same, to the right of the ground track [km]", 300.0)
     height_km: float = number("height of the target above the ellipsoid [km]", 10.0, above=-1, at_most=500)
     speed_mps: float = number("speed of the target [m/s]", 300.0, at_least=0, at_most=8000)
@@ -143,12 +139,8 @@ class Truth:
     sigma_fdoa_hz: float = number("standard deviation of an FDOA [Hz]", 1.0, above=0)
     sigma_phase_deg: float = number("standard deviation of a phase [deg]", 15.0, above=0)
     correlated: bool = documented("errors of differences correlated through satellite 0", False)
-    light_time: bool = documented(
-        "TDOA and FDOA of one wave front, instead of geometry of one instant", False
-    )
-    paper_sign: bool = documented(
-        "FDOA as range-rate difference over wavelength, as the paper prints it", False
-    )
+    light_time: bool = documented("TDOA and FDOA of one wave front, instead of geometry of one instant", False)
+    paper_sign: bool = documented("FDOA as range-rate difference over wavelength, as the paper prints it", False)
     sigma_assumed_height_km: float = number("error of the height assumed at the start [km]", 3.0, above=0)
     minimum_elevation_deg: float = number(
         "a satellite lower than this over the target's horizon hears nothing [deg]",
@@ -163,12 +155,8 @@ class Belief:
     """What the estimators believe; null means: as the truth."""
 
     acceleration_mps2: float = number("process noise: acceleration in a step [m/s^2]", 0.1, at_least=0)
-    sigma_velocity_mps: float = number(
-        "velocity at the start is 0 with this standard deviation [m/s]", 400.0, above=0
-    )
-    sigma_satellite_m: float = number(
-        "error of a satellite's position per axis, in P1 only [m]", 0.0, at_least=0
-    )
+    sigma_velocity_mps: float = number("velocity at the start is 0 with this standard deviation [m/s]", 400.0, above=0)
+    sigma_satellite_m: float = number("error of a satellite's position per axis, in P1 only [m]", 0.0, at_least=0)
     start: str = choice("how the first fix is solved", "auto", ("auto", "closed_form", "newton"))
     sigma_assumed_height_km: float | None = number("error of the assumed height [km]", None, above=0)
     sigma_tdoa_ns: float | None = number("standard deviation of a TDOA [ns]", None, above=0)
@@ -334,9 +322,7 @@ def _believed_stack(scenario: Scenario, name: str) -> MeasurementModel:
     kinds = list(options.measurements) or ["tdoa", "fdoa", "phase"]
     unknown = [kind for kind in kinds if kind not in available]
     if unknown:
-        raise UserError(
-            f"estimators.{name}.measurements: {unknown} is not allowed; any of {', '.join(_KINDS)}"
-        )
+        raise UserError(f"estimators.{name}.measurements: {unknown} is not allowed; any of {', '.join(_KINDS)}")
     return Stack([available[kind] for kind in kinds])
 
 
@@ -461,9 +447,7 @@ def _add_sensor(
         parts.append(link)
     stack = Stack(parts)
     mask = ElevationMask(math.radians(scenario.truth.minimum_elevation_deg), "target")
-    sensor = builder.AddSystem(
-        Sensor(stack, clock, trials, 3, target_trials=truth_trials, mask=mask, name="sensor")
-    )
+    sensor = builder.AddSystem(Sensor(stack, clock, trials, 3, target_trials=truth_trials, mask=mask, name="sensor"))
     if scenario.truth.phase == "unambiguous":
         if chain:
             raise UserError("truth.chain_m: a chain of baselines is for truth.phase wrapped only")

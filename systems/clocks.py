@@ -95,8 +95,7 @@ class Times:
         if np.any(np.diff(stamps) <= 0):
             at = int(np.argmax(np.diff(stamps) <= 0))
             raise ValueError(
-                f"clock stamps: they must increase strictly, but stamp {at + 1} is {stamps[at + 1]} "
-                f"after {stamps[at]}"
+                f"clock stamps: they must increase strictly, but stamp {at + 1} is {stamps[at + 1]} after {stamps[at]}"
             )
         stamps.setflags(write=False)
         object.__setattr__(self, "_stamps", stamps)

@@ -349,9 +349,7 @@ def nadir_frame(state: ArrayLike) -> Array:
     return _frame(x[..., :3], x[..., 3:6])
 
 
-def nadir_frame_earth_fixed(
-    position: ArrayLike, velocity: ArrayLike, earth_rate: float = EARTH_RATE
-) -> Array:
+def nadir_frame_earth_fixed(position: ArrayLike, velocity: ArrayLike, earth_rate: float = EARTH_RATE) -> Array:
     """Return the rotation from Earth-fixed axes to the orbital body frame.
 
     Parameters

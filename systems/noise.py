@@ -22,9 +22,7 @@ def _key(seed: int, name: str) -> NDArray[np.uint64]:
     return np.frombuffer(digest, dtype="<u8")
 
 
-def uniform(
-    seed: int, name: str, first_trial: int, trials: int, sample: int, size: int
-) -> NDArray[np.float64]:
+def uniform(seed: int, name: str, first_trial: int, trials: int, sample: int, size: int) -> NDArray[np.float64]:
     """Draw uniform numbers strictly inside (0, 1).
 
     Parameters
@@ -56,16 +54,12 @@ def uniform(
         return np.empty((trials, size))
     blocks = -(-size // _WORDS_PER_BLOCK)
     counter = np.array([first_trial * blocks, sample, 0, 0], dtype=np.uint64)
-    words = np.random.Philox(key=_key(seed, name), counter=counter).random_raw(
-        trials * blocks * _WORDS_PER_BLOCK
-    )
+    words = np.random.Philox(key=_key(seed, name), counter=counter).random_raw(trials * blocks * _WORDS_PER_BLOCK)
     words = words.reshape(trials, blocks * _WORDS_PER_BLOCK)[:, :size]
     return ((words >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52
 
 
-def normal(
-    seed: int, name: str, first_trial: int, trials: int, sample: int, size: int
-) -> NDArray[np.float64]:
+def normal(seed: int, name: str, first_trial: int, trials: int, sample: int, size: int) -> NDArray[np.float64]:
     """Draw standard normal numbers by the inverse of the normal distribution; see `uniform`.
 
     The inverse, not a ziggurat: it uses exactly one word per number, so that any row can be drawn alone.

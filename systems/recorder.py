@@ -53,9 +53,7 @@ class Recorder(EnsembleBlock):
         names = list(self._shapes)
         self._log = self.DeclareCacheEntry(
             "log",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make({"log": Log(names)}), calc=ValueProducer.NoopCalc
-            ),
+            ValueProducer(allocate=lambda: AbstractValue.Make({"log": Log(names)}), calc=ValueProducer.NoopCalc),
             {self.nothing_ticket()},
         ).cache_index()
         clock.declare(lambda period, offset: self.DeclarePeriodicPublishEvent(period, offset, self._publish))
@@ -87,9 +85,7 @@ class Recorder(EnsembleBlock):
         return np.array(log.times), stacked
 
 
-def record(
-    builder: DiagramBuilder, ports: Mapping[str, OutputPort], clock: Clock, name: str = "recorder"
-) -> Recorder:
+def record(builder: DiagramBuilder, ports: Mapping[str, OutputPort], clock: Clock, name: str = "recorder") -> Recorder:
     """Add a recorder to a diagram and connect it to output ports of Quietfix blocks.
 
     Parameters

@@ -166,9 +166,7 @@ class EnsembleBlock(LeafSystem):
     def set_draw(self, context: Context, draw: Draw) -> None:
         """Write seed and first trial into this block's `context`; a block without noise ignores it."""
         if self._draw_index is not None:
-            context.get_mutable_numeric_parameter(self._draw_index).SetFromVector(
-                [draw.seed, draw.first_trial]
-            )
+            context.get_mutable_numeric_parameter(self._draw_index).SetFromVector([draw.seed, draw.first_trial])
 
 
 class Constant(EnsembleBlock):
@@ -185,9 +183,7 @@ class Constant(EnsembleBlock):
     def __init__(self, name: str, value: ArrayLike) -> None:
         super().__init__(name)
         array = np.atleast_2d(np.array(value, dtype=float))
-        self.declare_output(
-            "state", array.shape[0], array.shape[1], lambda context: array, {self.nothing_ticket()}
-        )
+        self.declare_output("state", array.shape[0], array.shape[1], lambda context: array, {self.nothing_ticket()})
 
 
 def leaf_systems(system: System) -> list[System]:

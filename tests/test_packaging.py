@@ -117,9 +117,7 @@ def test_wheel_holds_every_module_and_scenario(project, project_root, tmp_path):
     for name in ("pyproject.toml", "LICENSE", "README.md"):
         shutil.copy(project_root / name, source)
     for package in PACKAGES:
-        shutil.copytree(
-            project_root / package, source / package, ignore=shutil.ignore_patterns("__pycache__")
-        )
+        shutil.copytree(project_root / package, source / package, ignore=shutil.ignore_patterns("__pycache__"))
     command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "."]
     subprocess.run(command, cwd=source, check=True, stdin=subprocess.DEVNULL)
     (wheel,) = source.glob("*.whl")

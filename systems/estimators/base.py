@@ -108,9 +108,7 @@ class Estimator(EnsembleBlock):
         If a row of the model is not on the measurement port.
     """
 
-    def __init__(
-        self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring
-    ) -> None:
+    def __init__(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> None:
         super().__init__(name)
         absent = [row for row in model.names if row not in wiring.stream]
         if absent:
@@ -164,9 +162,7 @@ class Estimator(EnsembleBlock):
             self.declare_input("noise_covariance", trials, len(wiring.stream) ** 2)
         for port, size in self.start.inputs.items():
             self.declare_input(port, trials, size)
-        inputs = {
-            self.input_port_ticket(self.get_input_port(i).get_index()) for i in range(self.num_input_ports())
-        }
+        inputs = {self.input_port_ticket(self.get_input_port(i).get_index()) for i in range(self.num_input_ports())}
         draw = self.declare_draw()
 
         self._groups: dict[str, tuple[Any, int]] = {}
@@ -206,9 +202,7 @@ class Estimator(EnsembleBlock):
             "prediction_covariance", trials, n * n, lambda c: self.cached(c, self._prior_moments)[1], before
         )
         for i, (port, size) in enumerate((("innovation", m), ("nis", 1), ("nis_dof", 1))):
-            self.declare_output(
-                port, trials, size, lambda c, i=i: self.cached(c, self._posterior)[1][i], update
-            )
+            self.declare_output(port, trials, size, lambda c, i=i: self.cached(c, self._posterior)[1][i], update)
 
         wiring.clock.declare(
             lambda period, offset: self.DeclarePeriodicDiscreteUpdateEvent(period, offset, self._store)
@@ -270,9 +264,7 @@ class Estimator(EnsembleBlock):
         stream: Array,
     ) -> tuple[Memory, Innovation, NDArray[np.bool_]]:
         """Start the trials that could not start before, and leave the others alone."""
-        mean, covariance = self.start.begin(
-            stream, self._read_platforms(context), self._inputs_of_start(context)
-        )
+        mean, covariance = self.start.begin(stream, self._read_platforms(context), self._inputs_of_start(context))
         new = ~started & np.isfinite(mean).all(axis=-1)
         if not new.any():
             return memory, innovation, started
@@ -313,9 +305,7 @@ class Estimator(EnsembleBlock):
             self.read(context, "measurement"), self._read_platforms(context), self._inputs_of_start(context)
         )
         epoch = self._epoch(context)
-        nothing = Innovation(
-            np.full((trials, self.model.size), np.nan), np.full(trials, np.nan), np.zeros(trials)
-        )
+        nothing = Innovation(np.full((trials, self.model.size), np.nan), np.full(trials, np.nan), np.zeros(trials))
         started = np.isfinite(mean).all(axis=-1)
         memory = self.begin(mean, covariance, epoch)
         self._write(discrete, memory, nothing, started, time, self.start.uses_measurement)

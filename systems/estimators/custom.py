@@ -26,9 +26,7 @@ class Custom(EstimatorOptions):
     class_: str = text("where the class is: package.module:Class")
     options: dict[str, bool | int | float | str] = documented("keyword arguments of the class", factory=dict)
 
-    def make(
-        self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring
-    ) -> Estimator:
+    def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block.
 
         Raises

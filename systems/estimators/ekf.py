@@ -17,8 +17,6 @@ __all__ = ["Ekf"]
 class Ekf(EstimatorOptions):
     """Extended Kalman filter: one linearisation, at the prediction."""
 
-    def make(
-        self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring
-    ) -> Estimator:
+    def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""
         return KalmanEstimator(name, IteratedExtendedKalman(max_iterations=1), model, motion, start, wiring)

@@ -21,9 +21,7 @@ class Iekf(EstimatorOptions):
     max_iterations: int = count("at most so many linearisations per update; 1 is the EKF", 10)
     tolerance: float = number("stop rule ||x_{j+1} - x_j|| <= tolerance, SI units mixed", 1e-2, above=0)
 
-    def make(
-        self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring
-    ) -> Estimator:
+    def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""
         algorithm = IteratedExtendedKalman(self.max_iterations, self.tolerance)
         return KalmanEstimator(name, algorithm, model, motion, start, wiring)

@@ -22,7 +22,5 @@ class EstimatorOptions(ABC):
     )
 
     @abstractmethod
-    def make(
-        self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring
-    ) -> Estimator:
+    def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""

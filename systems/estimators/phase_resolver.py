@@ -111,26 +111,20 @@ class PhaseResolver(EnsembleBlock):
         self._kept = [stream.index(row) for row in self.stream]
         self._phase_rows = [self.stream.index(row) for row in phase.names]
         self._tdoa_rows = [stream.index(row) for row in tdoa.names]
-        self._link_rows = [
-            [stream.index(row) for row in self.link_names(phase, i)] for i in range(len(self._chain))
-        ]
+        self._link_rows = [[stream.index(row) for row in self.link_names(phase, i)] for i in range(len(self._chain))]
         self._order = [tdoa.reference, *tdoa.receivers]
 
         self.declare_input("measurement", trials, len(stream))
         self.declare_input("platforms", platform_trials, 6 * platforms)
         if not self._chain:
             self.declare_input("prediction", trials, 6)
-        inputs = {
-            self.input_port_ticket(self.get_input_port(i).get_index()) for i in range(self.num_input_ports())
-        }
+        inputs = {self.input_port_ticket(self.get_input_port(i).get_index()) for i in range(self.num_input_ports())}
         self._resolved = self.declare_cached("resolved", PhaseResolver._calc, inputs)
         ticket = {self.cached_ticket(self._resolved)}
         self.declare_output(
             "measurement", trials, len(self.stream), lambda c: self.cached(c, self._resolved)[0], ticket
         )
-        self.declare_output(
-            "integers", trials, phase.size, lambda c: self.cached(c, self._resolved)[1], ticket
-        )
+        self.declare_output("integers", trials, phase.size, lambda c: self.cached(c, self._resolved)[1], ticket)
 
     @staticmethod
     def link_names(phase: InterferometerPhase, link: int) -> tuple[str, ...]:
@@ -158,8 +152,6 @@ class PhaseResolver(EnsembleBlock):
         prediction = self.read(context, "prediction")
         platforms = self.read(context, "platforms").reshape(-1, self._platforms, 6)
         height = ecef_to_geodetic(prediction[:, :3])[2]
-        fix = known_height_fix(
-            stream[:, self._tdoa_rows], platforms[:, self._order], height, start=prediction[:, :3]
-        )
+        fix = known_height_fix(stream[:, self._tdoa_rows], platforms[:, self._order], height, start=prediction[:, :3])
         target = np.concatenate([fix, np.zeros_like(fix)], axis=-1)
         return self._phase.predict(target, platforms)

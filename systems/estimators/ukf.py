@@ -22,9 +22,7 @@ class Ukf(EstimatorOptions):
     beta: float = number("extra weight of the centre in covariances (2: Gaussian)", 0.0)
     kappa: float = number("secondary scaling; n + kappa > 0", 0.0)
 
-    def make(
-        self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring
-    ) -> Estimator:
+    def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""
         algorithm = UnscentedKalman(self.alpha, self.beta, self.kappa)
         return KalmanEstimator(name, algorithm, model, motion, start, wiring)

@@ -46,9 +46,7 @@ class Whitener:
         finite = np.isfinite(variances)
         if np.any(variances[finite] <= 0):
             raise ValueError("the noise covariance must be positive definite: it has a variance <= 0")
-        self._diagonal = bool(
-            np.all(self._covariance == variances[..., None] * np.eye(self._covariance.shape[-1]))
-        )
+        self._diagonal = bool(np.all(self._covariance == variances[..., None] * np.eye(self._covariance.shape[-1])))
         self._full = self._inverse_root(self._covariance)
 
     @staticmethod

@@ -58,9 +58,7 @@ class Differenced(SightedModel):
         self.shares_sight = not light_time
         self.earth_rate = earth_rate
         if reference in self.receivers or len(set(self.receivers)) < len(self.receivers):
-            raise ValueError(
-                f"receivers: {self.receivers} must be different and exclude reference {reference}"
-            )
+            raise ValueError(f"receivers: {self.receivers} must be different and exclude reference {reference}")
         self.names = tuple(f"{kind}_{i}{reference}" for i in self.receivers)
         self.units = (unit,) * len(self.names)
 
@@ -91,9 +89,7 @@ class Differenced(SightedModel):
 
     def linearize_from(self, sight: LineOfSight, platforms: Array, size: int) -> tuple[Array, Array]:
         """See `SightedModel.linearize_from`."""
-        return self._difference(self.values_from(sight)), self._difference_rows(
-            self.gradients_from(sight), size
-        )
+        return self._difference(self.values_from(sight)), self._difference_rows(self.gradients_from(sight), size)
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""

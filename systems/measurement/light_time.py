@@ -100,9 +100,7 @@ def arrival(target: Array, platforms: Array, reference: int, earth_rate: float =
     up, away = _dot(n, vp), _dot(n, v_wide)
     ratio = (away - up) / (c - away)
     dw = fixed + vp[..., :, None] * dt[..., None, :]
-    dn = (dw - n[..., :, None] * np.einsum("...i,...ij->...j", n, dw)[..., None, :]) / distance[
-        ..., None, None
-    ]
+    dn = (dw - n[..., :, None] * np.einsum("...i,...ij->...j", n, dw)[..., None, :]) / distance[..., None, None]
     dup = np.einsum("...i,...ij->...j", vp, dn)
     daway = np.einsum("...i,...ij->...j", v_wide, dn) + np.einsum("...i,ij->...j", n, dv)
     dratio = (daway - dup) / (c - away)[..., None] + (ratio / (c - away))[..., None] * daway

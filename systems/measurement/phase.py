@@ -111,9 +111,7 @@ class InterferometerPhase(SightedModel):
 
     def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
         """See `SightedModel.predict_from`; unambiguous even for a wrapped sensor, see `represent`."""
-        return np.einsum(
-            "...mi,...i->...m", self.body_axes(platforms), sight.direction[..., self.platform, :]
-        )
+        return np.einsum("...mi,...i->...m", self.body_axes(platforms), sight.direction[..., self.platform, :])
 
     def linearize_from(self, sight: LineOfSight, platforms: Array, size: int) -> tuple[Array, Array]:
         r"""See `SightedModel.linearize_from`; the gradient is :math:`2\pi n\,(e - (e\cdot u)u)/r`."""

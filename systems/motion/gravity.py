@@ -121,12 +121,7 @@ def gradient(position: ArrayLike, constants: GravityConstants, j2: bool = True) 
     pole = np.zeros_like(outer)
     pole[..., 2, :] = along
     mixed = pole + np.swapaxes(pole, -1, -2)
-    flat = (
-        (5 * sine**2 - 1) * np.eye(3)
-        + (5 - 35 * sine**2) * outer
-        + 10 * sine * mixed
-        - 2 * np.diag([0.0, 0.0, 1.0])
-    )
+    flat = (5 * sine**2 - 1) * np.eye(3) + (5 - 35 * sine**2) * outer + 10 * sine * mixed - 2 * np.diag([0.0, 0.0, 1.0])
     return out + 1.5 * constants.j2 * constants.radius**2 * pull / square * flat
 
 

@@ -134,9 +134,7 @@ def great_circle(start: ArrayLike) -> GreatCirclePath:
     climb = course_speed(x[..., :3], x[..., 3:6])[2]
     if np.any(np.abs(climb) > _LEVEL):
         worst = climb.flat[np.argmax(np.abs(climb))]
-        raise ValueError(
-            f"start: it climbs at {worst:.3g} m/s; a great circle keeps its height and must start level"
-        )
+        raise ValueError(f"start: it climbs at {worst:.3g} m/s; a great circle keeps its height and must start level")
     axes = enu_rotation(lat, lon)
     local = (axes @ x[..., 3:6, None])[..., 0]
     root = np.sqrt(1 - WGS84_ECCENTRICITY_SQUARED * np.sin(lat) ** 2)

@@ -188,9 +188,7 @@ def elements_of(state: ArrayLike, mu: float) -> KeplerElements:
     h = np.cross(r, v)
     length = np.linalg.norm(h, axis=-1)
     if not np.all((a > 0) & np.isfinite(a) & (length > 0)):
-        raise ValueError(
-            "state: not on an elliptic orbit (energy must be < 0, position and velocity not parallel)"
-        )
+        raise ValueError("state: not on an elliptic orbit (energy must be < 0, position and velocity not parallel)")
     w = h / length[..., None]
     vector = np.cross(v, h) / mu - r / radius[..., None]
     e = np.linalg.norm(vector, axis=-1)

@@ -78,9 +78,7 @@ class ModelPlant(EnsembleBlock):
         self._state = now
         self.declare_output("state", self.trials, n, self._read_state, {self.cached_ticket(now)})
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
-        clock.declare(
-            lambda period, offset: self.DeclarePeriodicDiscreteUpdateEvent(period, offset, self._advance)
-        )
+        clock.declare(lambda period, offset: self.DeclarePeriodicDiscreteUpdateEvent(period, offset, self._advance))
 
     def _read_state(self, context: Context) -> Array:
         return self.cached(context, self._state)

@@ -46,8 +46,7 @@ def check_initial(initial: ArrayLike, constants: GravityConstants) -> Array:
         x = x[None]
     if x.ndim != 3 or x.shape[-1] != 6:
         raise ValueError(
-            f"orbit initial state: shape {np.shape(initial)} is not allowed; (satellites, 6) or "
-            "(trials, satellites, 6)"
+            f"orbit initial state: shape {np.shape(initial)} is not allowed; (satellites, 6) or (trials, satellites, 6)"
         )
     if x.shape[1] == 0:
         raise ValueError("orbit initial state: zero satellites; at least one is needed")
@@ -55,9 +54,7 @@ def check_initial(initial: ArrayLike, constants: GravityConstants) -> Array:
         raise ValueError("orbit initial state: zero trials; at least one is needed")
     if not np.all(np.isfinite(x)):
         trial, satellite, _ = np.argwhere(~np.isfinite(x))[0]
-        raise ValueError(
-            f"orbit initial state: satellite {satellite} of trial {trial} has a number that is not finite"
-        )
+        raise ValueError(f"orbit initial state: satellite {satellite} of trial {trial} has a number that is not finite")
     below = ~above_surface(x[..., :3], constants)
     if below.any():
         trial, satellite = np.argwhere(below)[0]

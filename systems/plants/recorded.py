@@ -78,16 +78,12 @@ class RecordedTruth(EnsembleBlock):
         super().__init__(name)
         t, x = np.array(times, dtype=float), np.array(states, dtype=float)
         if t.ndim != 1 or t.size < 2:
-            raise ValueError(
-                f"{name} times: shape {t.shape} is not allowed; at least two samples in one dimension"
-            )
+            raise ValueError(f"{name} times: shape {t.shape} is not allowed; at least two samples in one dimension")
         if not np.all(np.isfinite(t)):
             raise ValueError(f"{name} times: all must be finite")
         if np.any(np.diff(t) <= 0):
             at = int(np.argmax(np.diff(t) <= 0))
-            raise ValueError(
-                f"{name} times: they must increase strictly, but {t[at + 1]} s follows {t[at]} s"
-            )
+            raise ValueError(f"{name} times: they must increase strictly, but {t[at + 1]} s follows {t[at]} s")
         if x.ndim == 2:
             x = x[:, None]
         if x.ndim != 3 or x.shape[0] != t.size or x.shape[1] == 0 or x.shape[2] not in (3, 6):

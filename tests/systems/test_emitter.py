@@ -18,8 +18,7 @@ def ports(block, time):
     context = block.CreateDefaultContext()
     context.SetTime(time)
     return [
-        block.GetOutputPort(name).Eval(context).reshape(block.output_size(name))
-        for name in ("state", "acceleration")
+        block.GetOutputPort(name).Eval(context).reshape(block.output_size(name)) for name in ("state", "acceleration")
     ]
 
 

@@ -90,9 +90,7 @@ def test_course_and_speed():
     np.testing.assert_allclose(got[1], speed, atol=1e-12)
     np.testing.assert_allclose(got[2], 3.0, atol=1e-12)
     # 60 degrees clockwise from north at (0, 0): north is z, east is y
-    np.testing.assert_allclose(
-        frames.course_velocity(0, 0, np.radians(60), 2), [0, np.sqrt(3), 1], atol=1e-15
-    )
+    np.testing.assert_allclose(frames.course_velocity(0, 0, np.radians(60), 2), [0, np.sqrt(3), 1], atol=1e-15)
 
 
 def test_inertial_round_trip_with_times_per_row():

@@ -40,9 +40,7 @@ def test_gradient_is_the_derivative_of_the_acceleration(j2):
     g = gravity.gradient(p, EARTH, j2)
     error = np.abs(g - central(lambda q: gravity.acceleration(q, EARTH, j2), p, 100.0))
     scale = np.linalg.norm(g, axis=(-2, -1))
-    assert (
-        error.max(axis=(-2, -1)) / scale
-    ).max() < 1e-8  # truncation of the differences: 20 (step/r)^2 = 5e-9
+    assert (error.max(axis=(-2, -1)) / scale).max() < 1e-8  # truncation of the differences: 20 (step/r)^2 = 5e-9
     np.testing.assert_allclose(g, np.swapaxes(g, -1, -2), atol=1e-20)
     # Laplace: no mass outside the Earth; cancels to rounding of the 2e-6 1/s^2 that are summed
     assert np.abs(np.trace(g, axis1=-2, axis2=-1) / scale).max() < 1e-14
@@ -87,8 +85,7 @@ def test_published_sgp4_vectors(number):
     """Start from SGP4's state at epoch, compare 120 minutes (1.2 and 1.3 revolutions) later."""
     start, end = (np.array(x) * 1e3 for x in PUBLISHED[number])
     miss = {
-        j2: np.linalg.norm((DenseOrbit(start[None], 7200.0, WGS72, j2).at(7200.0)[0] - end)[:3])
-        for j2 in (True, False)
+        j2: np.linalg.norm((DenseOrbit(start[None], 7200.0, WGS72, j2).at(7200.0)[0] - end)[:3]) for j2 in (True, False)
     }
     # SGP4 is first order in J2: it leaves out J2^2 = 1.2e-6 of 56 000 km flown, 70 m, times a few, and
     # 06251 has drag. Measured: 72 and 279 m; without J2 31.9 and 65.3 km.

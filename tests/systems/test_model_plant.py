@@ -52,9 +52,7 @@ def simulate(plant, end, draw=None, every=None):
 
 
 def random_walk(trials, name="emitter", model=None, clock=None):
-    return ModelPlant(
-        model or WhiteNoiseAcceleration(4.0), clock or Periodic(1.0), MEAN, COVARIANCE, trials, name
-    )
+    return ModelPlant(model or WhiteNoiseAcceleration(4.0), clock or Periodic(1.0), MEAN, COVARIANCE, trials, name)
 
 
 # ---------------------------------------------------------------------------------------------- square root

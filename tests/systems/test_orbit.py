@@ -20,9 +20,7 @@ AXIS = 6378137.0 + 700e3
 RAAN = 69.28e3 / AXIS / np.sin(np.radians(60))
 # the formation "tri" of the reference: a pair +-40 km along the track, satellite 0 in a plane to the right
 TRI = state_of(
-    KeplerElements(
-        AXIS, 0.0, np.radians(60), [RAAN, 0.0, 0.0], 0.0, [-RAAN * 0.5, -40e3 / AXIS, 40e3 / AXIS]
-    ),
+    KeplerElements(AXIS, 0.0, np.radians(60), [RAAN, 0.0, 0.0], 0.0, [-RAAN * 0.5, -40e3 / AXIS, 40e3 / AXIS]),
     EARTH.mu,
 )
 REVOLUTION = float(2 * np.pi / mean_motion(AXIS, EARTH.mu))
@@ -76,9 +74,7 @@ def test_within_a_millimetre_of_dop853(after_one_revolution, kind):
     _, reference, states = after_one_revolution
     difference = states[kind] - reference
     assert np.abs(difference[:, :3]).max() < 1e-3  # the requirement; measured 1.1e-5 m and 3e-8 m
-    assert (
-        np.abs(difference[:, 3:]).max() < 1e-6
-    )  # the same, times the orbit rate of 1e-3 rad/s; measured 1.4e-8
+    assert np.abs(difference[:, 3:]).max() < 1e-6  # the same, times the orbit rate of 1e-3 rad/s; measured 1.4e-8
 
 
 @pytest.mark.parametrize("kind", ["continuous", "dense"])
@@ -208,12 +204,8 @@ def test_bad_ends_and_trials():
         DenseOrbit(np.stack([TRI, TRI]), 10.0)
 
 
-@pytest.mark.skipif(
-    OLD_DRAKE, reason="Drake before 1.58 keeps every system alive, with or without a cache entry"
-)
-@pytest.mark.parametrize(
-    "make", [lambda: Orbit(TRI), lambda: DenseOrbit(TRI, 10.0)], ids=["continuous", "dense"]
-)
+@pytest.mark.skipif(OLD_DRAKE, reason="Drake before 1.58 keeps every system alive, with or without a cache entry")
+@pytest.mark.parametrize("make", [lambda: Orbit(TRI), lambda: DenseOrbit(TRI, 10.0)], ids=["continuous", "dense"])
 def test_blocks_are_not_pinned_in_memory(make):
     block = make()
     block.GetOutputPort("state").Eval(block.CreateDefaultContext())

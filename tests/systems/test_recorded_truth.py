@@ -23,8 +23,7 @@ def ports(block, time):
     context = block.CreateDefaultContext()
     context.SetTime(time)
     return [
-        block.GetOutputPort(name).Eval(context).reshape(block.output_size(name))
-        for name in ("state", "acceleration")
+        block.GetOutputPort(name).Eval(context).reshape(block.output_size(name)) for name in ("state", "acceleration")
     ]
 
 
@@ -78,9 +77,7 @@ def test_positions_alone():
     t = TIMES[:, None]
     p = np.concatenate([1 + t, 2 * t**2 - t, -(t**2)], axis=-1)
     state, acceleration = ports(RecordedTruth(TIMES, p), 6.1)
-    np.testing.assert_allclose(
-        state[0], [7.1, 2 * 6.1**2 - 6.1, -(6.1**2), 1, 4 * 6.1 - 1, -2 * 6.1], rtol=1e-12
-    )
+    np.testing.assert_allclose(state[0], [7.1, 2 * 6.1**2 - 6.1, -(6.1**2), 1, 4 * 6.1 - 1, -2 * 6.1], rtol=1e-12)
     np.testing.assert_allclose(acceleration[0], [0, 4, -2], atol=1e-11)
 
 
