@@ -56,8 +56,7 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     merged = dict(base)
     for key, value in over.items():
         old = merged.get(key)
-        same_kind = isinstance(old, Mapping) and isinstance(value, Mapping)
-        if same_kind and value.get(_TAG, old.get(_TAG)) == old.get(_TAG):
+        if isinstance(old, Mapping) and isinstance(value, Mapping) and value.get(_TAG, old.get(_TAG)) == old.get(_TAG):
             merged[key] = merge(old, value)
         else:
             merged[key] = copy.deepcopy(value)
@@ -83,9 +82,9 @@ def _set_path(data: Any, path: list[str], value: Any) -> Any:
     if isinstance(data, list):
         if not head.isdigit() or int(head) >= len(data):
             raise UserError(f"--set: {head} is not an index of a list of {len(data)}")
-        copied = list(data)
-        copied[int(head)] = _set_path(copied[int(head)], rest, value) if rest else value
-        return copied
+        items = list(data)
+        items[int(head)] = _set_path(items[int(head)], rest, value) if rest else value
+        return items
     copied = dict(data) if isinstance(data, Mapping) else {}
     copied[head] = _set_path(copied.get(head, {}), rest, value) if rest else value
     return copied
@@ -148,7 +147,7 @@ def _untagged(data: Any) -> Any:
 def _pick(options: list[Any], data: Any, path: str) -> Any:
     """Return which option of a union the data means: by tag, else the first that fits."""
     if isinstance(data, Mapping):
-        tags = {option.__name__: option for option in options if dataclasses.is_dataclass(option)}
+        tags: dict[str, Any] = {getattr(option, "__name__", ""): option for option in options}
         tag = data.get(_TAG)
         if tag is None:
             return next(iter(tags.values()), options[0])

@@ -8,7 +8,7 @@ Xu, Su and Wang, *A moving target tracking method based on fusion of TDOA/FDOA/D
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, Union, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,14 @@ from systems.clocks import Periodic
 from systems.documented import choice, documented, number
 from systems.estimators.base import Wiring
 from systems.estimators.known_height_start import KnownHeightStart
+from systems.estimators.options import EstimatorOptions
 from systems.estimators.phase_resolver import PhaseResolver
-from systems.fixes.known_height import has_closed_form
+from systems.fixes.known_height import Method, has_closed_form
 from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed
 from systems.measurement.altitude import Altitude
 from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
 from systems.measurement.fdoa import Fdoa
-from systems.measurement.phase import InterferometerPhase
+from systems.measurement.phase import Axis, InterferometerPhase
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.measurement.visibility import ElevationMask
@@ -44,8 +45,14 @@ __all__ = ["SYSTEM", "Scenario", "models", "satellite_states", "target_state"]
 
 Array = NDArray[np.float64]
 
+if TYPE_CHECKING:
+    EstimatorChoice = EstimatorOptions
+else:
+    EstimatorChoice = Union[estimator_options()]
+
 _KM = 1e3
 _KINDS = ("tdoa", "fdoa", "phase_a", "phase_b")
+_PHASE_AXES: dict[str, Sequence[Axis]] = {"phase_a": ("a",), "phase_b": ("b",), "phase": ("a", "b")}
 
 
 @dataclass
@@ -182,7 +189,7 @@ class Scenario:
     )
     truth: Truth = documented("what is the case", factory=Truth)
     belief: Belief = documented("what the estimators believe", factory=Belief)
-    estimators: dict[str, estimator_options()] = documented(
+    estimators: dict[str, EstimatorChoice] = documented(
         "the estimators side by side; the first one's prediction resolves the phases", factory=dict
     )
 
@@ -292,7 +299,7 @@ def models(scenario: Scenario, believed: bool) -> dict[str, MeasurementModel]:
             wrapped=wrapped,
             earth_rate=scenario.constants.earth_rate_radps,
         )
-        for name, axes in (("phase_a", ["a"]), ("phase_b", ["b"]), ("phase", ["a", "b"]))
+        for name, axes in _PHASE_AXES.items()
     }
     return {
         "tdoa": Tdoa(chosen("sigma_tdoa_ns") * 1e-9, **common),
@@ -390,7 +397,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         sigma_height * _KM,
         scenario.belief.sigma_velocity_mps,
         scenario.belief.sigma_satellite_m,
-        scenario.belief.start,
+        cast(Method, scenario.belief.start),
     )
     wiring = Wiring(trials, stream, clock, platforms=3)
     blocks = {}

@@ -71,10 +71,6 @@ class Recorder(EnsembleBlock):
         for signal, values in log.values.items():
             values.append(self.read(context, signal))
 
-    def start(self, root_context: Context) -> None:
-        """Forget what the context has recorded so far."""
-        self._mutable_log(self.GetMyContextFromRoot(root_context))["log"] = Log(list(self._shapes))
-
     def result(self, root_context: Context) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
         """Return the times [s], shape (samples,), and each signal, shape (samples, trials, size)."""
         log = self._mutable_log(self.GetMyContextFromRoot(root_context))["log"]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+from functools import reduce
+from operator import or_
 from typing import Any
 
 __all__ = ["ESTIMATORS", "estimator_options", "locate"]
@@ -35,6 +37,6 @@ def locate(path: str) -> Any:
         raise ValueError(f"class: module {module} has no {name}") from error
 
 
-def estimator_options() -> tuple[type, ...]:
-    """Return the options classes of all registered estimators; each class name is a YAML tag."""
-    return tuple(locate(path) for path in ESTIMATORS.values())
+def estimator_options() -> Any:
+    """Return the union of the options classes of all registered estimators; each class name is a YAML tag."""
+    return reduce(or_, (locate(path) for path in ESTIMATORS.values()))

@@ -40,7 +40,7 @@ class Custom(EstimatorOptions):
                 f"estimators.{name}.class: {self.class_} is not allowed; a subclass of "
                 "systems.estimators.base.Estimator or systems.filters.gaussian.GaussianFilter"
             )
-        abstract = getattr(kind, "__abstractmethods__", frozenset())
+        abstract: frozenset[str] = getattr(kind, "__abstractmethods__", frozenset())
         if abstract:
             raise ValueError(f"estimators.{name}.class: {self.class_} lacks {', '.join(sorted(abstract))}")
         try:

@@ -1,0 +1,180 @@
+"""The command ``quietfix``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+__all__ = ["app", "main"]
+
+_EXIT = """Exit status: 0 done; 2 a mistake in what was asked for (one line says which field, its value and what is
+allowed); 130 interrupted by Ctrl-C (finished chunks stay in DIR.partial)."""
+
+app = typer.Typer(
+    name="quietfix",
+    help="Passive location and tracking as Drake block diagrams.",
+    epilog=_EXIT,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+_SYSTEM = typer.Argument(metavar="SYSTEM[:VARIANT]", help="Which system; see `quietfix list`.", show_default=False)
+_SET = typer.Option("--set", metavar="KEY=VALUE", help="Change a field of the scenario; dotted key. Repeatable.")
+_SCENARIO = typer.Option("--scenario", metavar="FILE", help="A YAML file laid over the packaged scenario.")
+_ESTIMATOR = typer.Option(
+    "--estimator", metavar="NAME", help="Run only these: names of the scenario or registry, or package.module:Class."
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"quietfix {version('quietfix')}, drake {version('drake')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and exit.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Hold the options that stand before a command."""
+
+
+@app.command("list")
+def list_() -> None:
+    """List systems, variants and estimators."""
+    from diagrams.catalogue import load_scenario, system, systems, variants
+    from diagrams.replay import REPLAYS
+    from systems.registry import ESTIMATORS
+
+    for name in systems():
+        print(f"{name}: {system(name).title}")
+        print(f"  estimators: {', '.join(load_scenario(name).estimators)}")
+        for variant in variants(name):
+            extra = load_scenario(name, variant).estimators.keys() - load_scenario(name).estimators.keys()
+            print(f"  {name}:{variant}" + (f" (and estimators {', '.join(sorted(extra))})" if extra else ""))
+    print(f"registered estimators: {', '.join(ESTIMATORS)}")
+    print(f"recorded data for `quietfix replay`: {', '.join(REPLAYS)}")
+
+
+@app.command()
+def show(
+    system: Annotated[str, _SYSTEM],
+    settings: Annotated[list[str] | None, _SET] = None,
+    scenario: Annotated[Path | None, _SCENARIO] = None,
+) -> None:
+    """Print the resolved scenario with a comment on every field, to be edited and used with --scenario."""
+    from diagrams.catalogue import load_scenario, split_name
+    from diagrams.scenario import dump
+
+    name, variant = split_name(system)
+    print(f"# {system}")
+    print(dump(load_scenario(name, variant, scenario, settings or [])), end="")
+
+
+@app.command()
+def run(
+    system: Annotated[str | None, _SYSTEM] = None,
+    estimators: Annotated[list[str] | None, _ESTIMATOR] = None,
+    trials: Annotated[int | None, typer.Option(help="Monte Carlo trials.  [default: 100]")] = None,
+    first_trial: Annotated[int | None, typer.Option(help="Number of the first trial.  [default: 0]")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of all noise.  [default: 0]")] = None,
+    settings: Annotated[list[str] | None, _SET] = None,
+    scenario: Annotated[Path | None, _SCENARIO] = None,
+    from_: Annotated[
+        Path | None, typer.Option("--from", metavar="RESULT", help="Run an earlier result again from itself.")
+    ] = None,
+    keep: Annotated[
+        str | None, typer.Option(help="estimates, covariance, measurements or all.  [default: estimates]")
+    ] = None,
+    every: Annotated[int | None, typer.Option(help="Keep every so many epochs.  [default: 1]")] = None,
+    chunk: Annotated[int | None, typer.Option(help="Trials at once; changes no number.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write results, summary and figures here.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+) -> None:
+    """Run a study: print a table; with --out write results.zarr, summary.json, figures and diagram.svg."""
+    from diagrams.running import run_command
+
+    asked = {
+        "estimators": estimators,
+        "trials": trials,
+        "first_trial": first_trial,
+        "seed": seed,
+        "set": settings,
+        "scenario": scenario,
+        "keep": keep,
+        "every": every,
+        "chunk": chunk,
+    }
+    run_command(system, {k: v for k, v in asked.items() if v is not None}, from_, out, overwrite)
+
+
+@app.command()
+def draw(
+    system: Annotated[str, _SYSTEM],
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="SVG or PNG.  [default: SYSTEM.svg]")] = None,
+    estimators: Annotated[list[str] | None, _ESTIMATOR] = None,
+    settings: Annotated[list[str] | None, _SET] = None,
+    scenario: Annotated[Path | None, _SCENARIO] = None,
+) -> None:
+    """Draw the block diagram as SVG or PNG."""
+    from diagrams.running import draw_command
+
+    draw_command(system, estimators, settings, scenario, out)
+
+
+@app.command()
+def gdop(
+    system: Annotated[str, _SYSTEM],
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Where the maps go.  [default: gdop]")] = None,
+    settings: Annotated[list[str] | None, _SET] = None,
+    scenario: Annotated[Path | None, _SCENARIO] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier maps in DIR.")] = False,
+) -> None:
+    """Map the bound of position and height over the ground, and print the areas."""
+    from diagrams.running import gdop_command
+
+    gdop_command(system, settings, scenario, out, overwrite)
+
+
+@app.command()
+def replay(
+    dataset: Annotated[str, typer.Argument(metavar="DATASET", help="Which recording; see `quietfix list`.")],
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", metavar="DIR", help="Folder of the recordings; else the variable QUIETFIX_DATA."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write summary and figures here.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+) -> None:
+    """Run estimator blocks on recorded measurements."""
+    from diagrams.running import replay_command
+
+    replay_command(dataset, data, out, overwrite)
+
+
+def main(arguments: list[str] | None = None) -> Any:
+    """Run the command; user's mistakes are one line on standard error and exit status 2."""
+    from diagrams.errors import UserError
+
+    try:
+        return app(args=arguments, standalone_mode=True)
+    except UserError as error:
+        print(f"quietfix: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("quietfix: interrupted", file=sys.stderr)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,145 @@
+"""Results on disk: chunks as they finish, a final name only when all is there."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+import warnings
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import xarray as xr
+
+from diagrams.errors import UserError
+
+__all__ = ["OutputFolder", "open_result", "write_summary"]
+
+_OURS = ("results.zarr", "summary.json", "diagram.svg")  # and *.png
+
+
+class OutputFolder:
+    """A folder that gets its final name only when everything in it is finished.
+
+    Work goes to ``DIR.partial``. If the run ends early, finished chunks stay there, and an empty one is removed.
+
+    Parameters
+    ----------
+    folder : path
+        Final name.
+    overwrite : bool
+        Whether an earlier result of that name may be replaced.
+
+    Raises
+    ------
+    UserError
+        If the folder exists (and is not an earlier result, or `overwrite` is not given), or cannot be written.
+    """
+
+    def __init__(self, folder: Path | str, overwrite: bool = False) -> None:
+        self.final = Path(folder)
+        self.partial = self.final.with_name(self.final.name + ".partial")
+        self._check(overwrite)
+        try:
+            if self.partial.exists():
+                shutil.rmtree(self.partial)
+            self.partial.mkdir(parents=True)
+            probe = self.partial / ".write"
+            probe.touch()
+            probe.unlink()
+        except OSError as error:
+            raise UserError(f"--out: {self.final} cannot be written ({error.strerror or error})") from error
+        self.chunks = 0
+
+    def _check(self, overwrite: bool) -> None:
+        if not self.final.exists():
+            return
+        if not self.final.is_dir():
+            raise UserError(f"--out: {self.final} exists and is not a folder")
+        others = [p.name for p in self.final.iterdir() if p.name not in _OURS and p.suffix != ".png"]
+        if others:
+            raise UserError(
+                f"--out: {self.final} holds other files ({', '.join(sorted(others)[:3])}); choose an empty or new folder"
+            )
+        if any(self.final.iterdir()) and not overwrite:
+            raise UserError(f"--out: {self.final} holds an earlier result; add --overwrite or choose another folder")
+
+    @property
+    def store(self) -> Path:
+        """Where the Dataset goes."""
+        return self.partial / "results.zarr"
+
+    def append(self, chunk: xr.Dataset) -> None:
+        """Write one chunk of trials."""
+        with warnings.catch_warnings():
+            # zarr warns that its text type is not in the v3 specification yet; xarray reads it all the same.
+            warnings.simplefilter("ignore")
+            if self.chunks == 0:
+                chunk.to_zarr(self.store, mode="w", consolidated=False)
+            else:
+                grows = chunk[[name for name in chunk if "trial" in chunk[name].dims]]
+                grows.drop_vars([c for c in grows.coords if "trial" not in grows[c].dims]).to_zarr(
+                    self.store, append_dim="trial", consolidated=False
+                )
+                fresh = [name for name in chunk if str(name).startswith("bound_")]
+                if fresh:
+                    chunk[fresh].to_zarr(self.store, mode="a", consolidated=False)
+        self.chunks += 1
+
+    def finish(self) -> None:
+        """Give the folder its final name."""
+        if self.final.exists():
+            old = self.final.with_name(f"{self.final.name}.old.{os.getpid()}")
+            self.final.rename(old)
+            self.partial.rename(self.final)
+            shutil.rmtree(old)
+        else:
+            self.partial.rename(self.final)
+
+    def __enter__(self) -> OutputFolder:
+        """Begin."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Keep finished chunks, remove what holds none."""
+        if kind is not None and self.partial.exists() and self.chunks == 0:
+            shutil.rmtree(self.partial)
+
+
+def open_result(path: Path | str) -> xr.Dataset:
+    """Open a result by its folder or its ``results.zarr``; arrays are read when they are used.
+
+    Raises
+    ------
+    UserError
+        If there is no result.
+    """
+    folder = Path(path)
+    store = folder if folder.suffix == ".zarr" else folder / "results.zarr"
+    if not store.is_dir():
+        raise UserError(f"result: {path} is not a result; a folder with results.zarr, or results.zarr itself")
+    try:
+        return xr.open_zarr(store, consolidated=False, chunks=None)
+    except Exception as error:  # zarr and xarray raise a dozen kinds for a damaged store
+        raise UserError(f"result: {store} cannot be read ({' '.join(str(error).split())})") from error
+
+
+def write_summary(path: Path, dataset: xr.Dataset, estimators: dict[str, Any], began: float) -> dict[str, Any]:
+    """Write ``summary.json`` and return what is in it."""
+    summary = {
+        "system": dataset.attrs["system"],
+        "variant": dataset.attrs["variant"] or None,
+        "seed": int(dataset.attrs["seed"]),
+        "first_trial": int(dataset.attrs["first_trial"]),
+        "trials": int(dataset.sizes["trial"]),
+        "version": dataset.attrs["version"],
+        "run_seconds": round(time.monotonic() - began, 3),
+        "time_s": [float(t) for t in dataset["time"].values],
+        "estimators": estimators,
+    }
+    path.write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return summary

@@ -1,0 +1,62 @@
+"""A block that holds an estimate against the truth, so that studies need not keep every covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context
+
+from systems.signals import EnsembleBlock
+
+__all__ = ["Score", "normalised_error"]
+
+Array = NDArray[np.float64]
+
+
+def normalised_error(error: Array, covariance: Array) -> Array:
+    r"""Return the normalised estimation error squared :math:`e^T P^{-1} e`, shape (...).
+
+    Parameters
+    ----------
+    error : ndarray, shape (..., n)
+    covariance : ndarray, shape (..., n, n)
+        A trial in which it is not finite or singular gives NaN, and only that trial.
+    """
+    scale = np.sqrt(np.einsum("...ii->...i", covariance))
+    good = np.isfinite(covariance).all(axis=(-1, -2)) & np.isfinite(error).all(axis=-1) & (scale > 0).all(axis=-1)
+    safe = np.where(good[..., None], scale, 1.0)
+    correlation = np.where(
+        good[..., None, None], covariance / (safe[..., :, None] * safe[..., None, :]), np.eye(error.shape[-1])
+    )
+    scaled = np.where(good[..., None], error / safe, 0.0)
+    nees = np.einsum("...i,...i->...", scaled, np.linalg.solve(correlation, scaled[..., None])[..., 0])
+    return np.where(good, nees, np.nan)
+
+
+class Score(EnsembleBlock):
+    """Inputs ``truth``, ``estimate``, ``covariance``; output ``nees`` (trials, 1).
+
+    Parameters
+    ----------
+    name : str
+        Name of the block.
+    trials, truth_trials, size : int
+        Trials of the estimate and of the truth, and the number of states that both have first.
+    estimate_size : int
+        States of the estimate; those behind `size` (biases, say) are not scored.
+    """
+
+    def __init__(self, name: str, trials: int, truth_trials: int, size: int, estimate_size: int) -> None:
+        super().__init__(name)
+        self._size, self._estimate_size = size, estimate_size
+        self.declare_input("truth", truth_trials, size)
+        self.declare_input("estimate", trials, estimate_size)
+        self.declare_input("covariance", trials, estimate_size**2)
+        tickets = {self.input_ticket(port) for port in ("truth", "estimate", "covariance")}
+        self.declare_output("nees", trials, 1, self._calc, tickets)
+
+    def _calc(self, context: Context) -> Array:
+        n, m = self._size, self._estimate_size
+        error = self.read(context, "estimate")[:, :n] - self.read(context, "truth")
+        covariance = self.read(context, "covariance").reshape(-1, m, m)[:, :n, :n]
+        return normalised_error(error, covariance)[:, None]

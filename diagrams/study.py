@@ -1,0 +1,385 @@
+"""Monte Carlo studies: build a diagram once, run it chunk by chunk, return an xarray Dataset."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
+
+from diagrams.bound_curves import BoundCurves
+from diagrams.catalogue import load_scenario, select_estimators, split_name
+from diagrams.catalogue import system as find_system
+from diagrams.errors import UserError, choose
+from diagrams.progress import Progress
+from diagrams.scenario import dump
+from diagrams.score import Score
+from diagrams.system import Wired
+from systems.clocks import Clock, Times
+from systems.recorder import Recorder, record
+from systems.signals import Draw, set_draw
+
+__all__ = ["KEEP", "Study", "join", "run_study"]
+
+Array = NDArray[np.float64]
+
+KEEP = ("estimates", "covariance", "measurements", "all")
+"""What of each trial is kept; errors, NEES and NIS always are."""
+
+_CHUNK_BYTES = 1.5e8  # of recorded signals; a log, its stacked copy and the Dataset stand beside each other
+_LARGEST_CHUNK = 2000  # trials; wider arrays leave the processor's cache and gain nothing
+
+
+@dataclasses.dataclass(frozen=True)
+class _Request:
+    """What a study was asked for, after checking."""
+
+    system: str
+    variant: str | None
+    scenario: Any
+    estimators: list[str]
+    trials: int
+    first_trial: int
+    seed: int
+    keep: str
+    every: int
+    chunk: int | None
+
+
+class Study:
+    """A study that is built and can be run; `run_study` is the short way.
+
+    Parameters
+    ----------
+    system, variant, scenario, estimators, trials, first_trial, seed, set, keep, every, chunk
+        See `run_study`.
+    """
+
+    def __init__(
+        self,
+        system: str,
+        *,
+        variant: str | None = None,
+        scenario: Any = None,
+        estimators: Sequence[str] | None = None,
+        trials: int = 100,
+        first_trial: int = 0,
+        seed: int = 0,
+        set: Sequence[str] | Mapping[str, Any] | None = None,
+        keep: str = "estimates",
+        every: int = 1,
+        chunk: int | None = None,
+    ) -> None:
+        name, in_name = split_name(system)
+        variant = variant or in_name
+        for what, value, least in (
+            ("trials", trials, 1),
+            ("first-trial", first_trial, 0),
+            ("seed", seed, 0),
+            ("every", every, 1),
+            ("chunk", 1 if chunk is None else chunk, 1),
+        ):
+            if not isinstance(value, int | np.integer) or isinstance(value, bool) or not least <= value < 2**53:
+                raise UserError(f"{what}: {value!r} is not allowed; a whole number >= {least}")
+        choose("keep", keep, KEEP)
+        settings = [f"{k}={v}" for k, v in set.items()] if isinstance(set, Mapping) else list(set or ())
+        if scenario is None or isinstance(scenario, str | Path):
+            scenario = load_scenario(name, variant, scenario, settings)
+        elif settings:
+            raise UserError("set: it cannot be combined with a scenario object; change its fields instead")
+        scenario = dataclasses.replace(scenario, estimators=dict(scenario.estimators))
+        chosen = select_estimators(scenario, estimators)
+        scenario.estimators = {key: scenario.estimators[key] for key in chosen}
+        self.request = _Request(
+            name, variant, scenario, chosen, int(trials), int(first_trial), int(seed), keep, int(every), chunk
+        )
+        self.system = find_system(name)
+        self.chunk = chunk or self._fitting_chunk()
+
+    def _fitting_chunk(self) -> int:
+        """Return how many trials at once keep the memory of a chunk bounded."""
+        probe, _, _ = self.wire(1)
+        floats = sum(math.prod(shape) for shape in self._signals(probe)[1].values())
+        ticks = len(probe.clock.ticks(probe.duration)) / self.request.every
+        return max(1, min(self.request.trials, _LARGEST_CHUNK, int(_CHUNK_BYTES / (8 * floats * ticks))))
+
+    # ---- building
+
+    def wire(self, trials: int) -> tuple[Wired, DiagramBuilder, dict[str, Score]]:
+        """Return the wired diagram under construction for a batch of trials, and its scores."""
+        request, builder = self.request, DiagramBuilder()
+        try:
+            wired = self.system.wire(builder, request.scenario, request.estimators, trials)
+        except UserError:
+            raise
+        except ValueError as error:  # a block says what is wrong with its arguments in the user's words
+            raise UserError(str(error)) from error
+        truth_trials, size = wired.truth.get_system().output_size(wired.truth.get_name())
+        scores = {}
+        for name, estimator in wired.estimators.items():
+            score = builder.AddSystem(Score(f"score_{name}", trials, truth_trials, size, estimator.motion.size))
+            builder.Connect(wired.truth, score.GetInputPort("truth"))
+            for port in ("estimate", "covariance"):
+                builder.Connect(estimator.GetOutputPort(port), score.GetInputPort(port))
+            scores[name] = score
+        return wired, builder, scores
+
+    def diagram(self, trials: int = 1) -> tuple[Diagram, Wired]:
+        """Return the diagram without scores and recorder: what is drawn, and what a user continues from."""
+        builder = DiagramBuilder()
+        wired = self.system.wire(builder, self.request.scenario, self.request.estimators, trials)
+        diagram = builder.Build()
+        diagram.set_name(self.request.system)
+        return diagram, wired
+
+    def _signals(
+        self, wired: Wired, scores: Mapping[str, Score] | None = None
+    ) -> tuple[dict[str, Any], dict[str, tuple[int, int]]]:
+        """Return the ports to record by name, and their shapes."""
+        keep = self.request.keep
+        ports = {"truth": wired.truth, "platforms": wired.platforms}
+        for name, estimator in wired.estimators.items():
+            wanted = ["estimate", "nis", "nis_dof"]
+            wanted += ["covariance"] if keep in ("covariance", "all") else []
+            wanted += ["innovation", "prediction"] if keep == "all" else []
+            ports |= {f"{name}/{port}": estimator.GetOutputPort(port) for port in wanted}
+        if scores is not None:
+            ports |= {f"{name}/nees": score.GetOutputPort("nees") for name, score in scores.items()}
+        if keep in ("measurements", "all"):
+            ports["measurement"] = wired.measurement
+            ports |= dict(wired.signals)
+        shapes = {name: port.get_system().output_size(port.get_name()) for name, port in ports.items()}
+        return ports, shapes
+
+    def _record_clock(self, clock: Clock, duration: float) -> Clock:
+        if self.request.every == 1:
+            return clock
+        ticks = clock.ticks(duration)
+        return Times(np.union1d(ticks[:: self.request.every], ticks[-1:]))
+
+    # ---- running
+
+    def chunks(self, progress: bool = False) -> Iterator[xr.Dataset]:
+        """Run the study and yield one Dataset per chunk; the last one carries the bounds."""
+        request = self.request
+        width = min(self.chunk, request.trials)
+        wired, builder, scores = self.wire(width)
+        recorder = record(builder, self._signals(wired, scores)[0], self._record_clock(wired.clock, wired.duration))
+        # The bound's recursion needs every epoch, also those that are not kept.
+        course = {"truth": wired.truth, "platforms": wired.platforms}
+        recorders = [recorder, recorder if request.every == 1 else record(builder, course, wired.clock, "course")]
+        diagram = builder.Build()
+        simulator = Simulator(diagram)
+        bounds = BoundCurves(wired)
+        with Progress(f"{request.system}, {request.trials} trials", request.trials, progress) as bar:
+            for done in range(0, request.trials, width):
+                count = min(width, request.trials - done)
+                context = self._run(simulator, diagram, recorders, wired, bar, done, width)
+                times, signals = recorder.result(context)
+                all_times, path = recorders[1].result(context)
+                bounds.add(all_times, path["truth"].swapaxes(0, 1)[:count], self._carriers(path, count))
+                chunk = self._dataset(times, signals, wired, request.first_trial + done, count)
+                if done + count == request.trials:
+                    chunk = chunk.assign(bounds.result(times))
+                yield chunk
+
+    def _run(
+        self,
+        simulator: Simulator,
+        diagram: Diagram,
+        recorders: Sequence[Recorder],
+        wired: Wired,
+        bar: Progress,
+        done: int,
+        width: int,
+    ) -> Context:
+        context = diagram.CreateDefaultContext()
+        set_draw(diagram, context, Draw(self.request.seed, self.request.first_trial + done))
+        simulator.reset_context(context)
+
+        def monitor(root: Context) -> EventStatus:
+            bar.update(done + width * root.get_time() / wired.duration)
+            return EventStatus.DidNothing()
+
+        simulator.set_monitor(monitor)
+        try:
+            simulator.Initialize()
+            simulator.AdvanceTo(wired.duration)
+        finally:
+            simulator.clear_monitor()
+        return context
+
+    @staticmethod
+    def _carriers(signals: Mapping[str, Array], count: int) -> Array:
+        platforms = signals["platforms"].swapaxes(0, 1)[:count]
+        return platforms.reshape(*platforms.shape[:2], -1, 6)
+
+    def _dataset(self, times: Array, signals: Mapping[str, Array], wired: Wired, first: int, count: int) -> xr.Dataset:
+        """Turn a run's log into a Dataset, cutting the trials that only filled the batch."""
+        request = self.request
+        names = request.estimators
+        size = max(estimator.motion.size for estimator in wired.estimators.values())
+        motion = next(e.motion for e in wired.estimators.values() if e.motion.size == size)
+
+        def per_estimator(port: str, columns: int | None) -> Array:
+            """Stack (time, trial, k) logs of all estimators to (estimator, trial, time[, columns])."""
+            stacked = np.full((len(names), count, len(times), columns or 1), np.nan)
+            for i, name in enumerate(names):
+                log = signals[f"{name}/{port}"].swapaxes(0, 1)[:count]
+                stacked[i, ..., : log.shape[-1]] = log
+            return stacked if columns else stacked[..., 0]
+
+        truth = signals["truth"].swapaxes(0, 1)
+        shared = truth.shape[0] == 1
+        carriers = self._carriers(signals, count)
+        data: dict[str, Any] = {
+            "truth": (("time", "state"), truth[0]) if shared else (("trial", "time", "state"), truth[:count]),
+            "estimate": (("estimator", "trial", "time", "state"), per_estimator("estimate", size)),
+            **{
+                port: (("estimator", "trial", "time"), per_estimator(port, None)) for port in ("nees", "nis", "nis_dof")
+            },
+            "platforms": (("time", "platform", "coordinate"), carriers[0])
+            if carriers.shape[0] == 1
+            else (("trial", "time", "platform", "coordinate"), carriers),
+        }
+        if request.keep in ("covariance", "all"):
+            square = np.full((len(names), count, len(times), size, size), np.nan)
+            for i, name in enumerate(names):
+                n = wired.estimators[name].motion.size
+                log = signals[f"{name}/covariance"].swapaxes(0, 1)[:count]
+                square[i, ..., :n, :n] = log.reshape(count, len(times), n, n)
+            data["covariance"] = (("estimator", "trial", "time", "state", "state_"), square)
+        if request.keep in ("measurements", "all"):
+            data["measurement"] = (("trial", "time", "row"), signals["measurement"].swapaxes(0, 1)[:count])
+            for name in wired.signals:
+                data[name] = (("trial", "time", f"{name}_row"), signals[name].swapaxes(0, 1)[:count])
+        if request.keep == "all":
+            data["prediction"] = (("estimator", "trial", "time", "state"), per_estimator("prediction", size))
+            rows = max(estimator.model.size for estimator in wired.estimators.values())
+            data["innovation"] = (
+                ("estimator", "trial", "time", "innovation_row"),
+                per_estimator("innovation", rows),
+            )
+        stream = next(iter(wired.estimators.values())).wiring.stream
+        coordinates: dict[str, Any] = {
+            "estimator": names,
+            "trial": np.arange(first, first + count),
+            "time": ("time", times, {"units": "s"}),
+            "state": list(motion.names),
+            "state_units": ("state", list(motion.units)),
+        }
+        if "measurement" in data:
+            coordinates["row"] = list(stream)
+        dataset = xr.Dataset(data, coordinates, self.attributes(wired))
+        dataset["truth"].attrs["long_name"] = "state of the target, Earth-fixed"
+        return dataset
+
+    def attributes(self, wired: Wired) -> dict[str, Any]:
+        """Return what a result needs to be run again from itself."""
+        request = self.request
+        return {
+            "system": request.system,
+            "variant": request.variant or "",
+            "seed": request.seed,
+            "first_trial": request.first_trial,
+            "trials": request.trials,
+            "keep": request.keep,
+            "every": request.every,
+            "version": _version(),
+            "frame": "earth_fixed",
+            "divergence_m": wired.divergence,
+            "scenario": dump(request.scenario, comments=False),
+        }
+
+
+def _version() -> str:
+    try:
+        return version("quietfix")
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def run_study(
+    system: str,
+    *,
+    variant: str | None = None,
+    scenario: Any = None,
+    estimators: Sequence[str] | None = None,
+    trials: int = 100,
+    first_trial: int = 0,
+    seed: int = 0,
+    set: Sequence[str] | Mapping[str, Any] | None = None,
+    keep: str = "estimates",
+    every: int = 1,
+    chunk: int | None = None,
+    progress: bool = False,
+) -> xr.Dataset:
+    """Run a Monte Carlo study of several estimators side by side on one stream of measurements.
+
+    Parameters
+    ----------
+    system : str
+        ``SYSTEM`` or ``SYSTEM:VARIANT``.
+    variant : str, optional
+        Variant, if it is not in `system`.
+    scenario : path, str or dataclass, optional
+        A user's YAML file laid over the packaged scenario, or a whole scenario object.
+    estimators : sequence of str, optional
+        Names in the scenario or the registry, or ``package.module:Class``; all of the scenario by default.
+    trials, first_trial : int
+        How many trials, and the number of the first: trial 37 alone is ``first_trial=37, trials=1``.
+    seed : int
+        Seed of all noise.
+    set : sequence of ``KEY=VALUE`` or mapping, optional
+        Changes of the scenario, with dotted keys.
+    keep : {'estimates', 'covariance', 'measurements', 'all'}
+        What of each trial is returned besides truth, NEES and NIS.
+    every : int
+        Keep every so many epochs (and the last).
+    chunk : int, optional
+        Trials at once; bounds the memory and changes no number. By default what fits.
+    progress : bool
+        Show a progress bar on a terminal if it takes longer than a second.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions estimator, trial, time, state; bounds as ``bound_*`` and ``bound_truth_*``.
+
+    Raises
+    ------
+    UserError
+        For whatever cannot be run, naming the field, the value and what is allowed.
+    """
+    study = Study(
+        system,
+        variant=variant,
+        scenario=scenario,
+        estimators=estimators,
+        trials=trials,
+        first_trial=first_trial,
+        seed=seed,
+        set=set,
+        keep=keep,
+        every=every,
+        chunk=chunk,
+    )
+    return join(list(study.chunks(progress)))
+
+
+def join(parts: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Join the chunks of a study; what has no trials (bounds, shared truth) comes from the last one."""
+    if len(parts) == 1:
+        return parts[0]
+    last = parts[-1]
+    grows = [part[[name for name in part if "trial" in part[name].dims]] for part in parts]
+    whole = xr.concat(grows, "trial", combine_attrs="override")
+    return whole.assign({name: last[name] for name in last if "trial" not in last[name].dims})
