@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 if TYPE_CHECKING:
     EstimatorChoice = EstimatorOptions
 else:
-    EstimatorChoice = Union[estimator_options()]
+    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
 _KM = 1e3
 _KINDS = ("tdoa", "fdoa", "phase_a", "phase_b")
