@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
 
-from diagrams.bound_curves import BoundCurves
+from diagrams.bounds import StudyBounds
 from diagrams.catalogue import load_scenario, select_estimators, split_name
 from diagrams.catalogue import system as find_system
 from diagrams.errors import UserError, choose
@@ -145,7 +145,7 @@ class Study:
     ) -> tuple[dict[str, Any], dict[str, tuple[int, int]]]:
         """Return the ports to record by name, and their shapes."""
         keep = self.request.keep
-        ports = {"truth": wired.truth, "platforms": wired.platforms}
+        ports = {"truth": wired.truth, "platforms": wired.platforms, "measurement": wired.measurement}
         for name, estimator in wired.estimators.items():
             wanted = ["estimate", "nis", "nis_dof"]
             wanted += ["covariance"] if keep in ("covariance", "all") else []
@@ -154,7 +154,6 @@ class Study:
         if scores is not None:
             ports |= {f"{name}/nees": score.GetOutputPort("nees") for name, score in scores.items()}
         if keep in ("measurements", "all"):
-            ports["measurement"] = wired.measurement
             ports |= dict(wired.signals)
         shapes = {name: port.get_system().output_size(port.get_name()) for name, port in ports.items()}
         return ports, shapes
@@ -174,21 +173,23 @@ class Study:
         wired, builder, scores = self.wire(width)
         recorder = record(builder, self._signals(wired, scores)[0], self._record_clock(wired.clock, wired.duration))
         # The bound's recursion needs every epoch, also those that are not kept.
-        course = {"truth": wired.truth, "platforms": wired.platforms}
+        course = {"truth": wired.truth, "platforms": wired.platforms, "measurement": wired.measurement}
         recorders = [recorder, recorder if request.every == 1 else record(builder, course, wired.clock, "course")]
         diagram = builder.Build()
         simulator = Simulator(diagram)
-        bounds = BoundCurves(wired)
+        bounds = StudyBounds(wired, wired.clock.ticks(wired.duration))
         with Progress(f"{request.system}, {request.trials} trials", request.trials, progress) as bar:
             for done in range(0, request.trials, width):
                 count = min(width, request.trials - done)
                 context = self._run(simulator, diagram, recorders, wired, bar, done, width)
                 times, signals = recorder.result(context)
-                all_times, path = recorders[1].result(context)
-                bounds.add(all_times, path["truth"].swapaxes(0, 1)[:count], self._carriers(path, count))
+                path = recorders[1].result(context)[1]
+                present = np.isfinite(path["measurement"].swapaxes(0, 1)[:count])
+                bounds.add(path["truth"].swapaxes(0, 1)[:count], self._carriers(path, count), count, present)
                 chunk = self._dataset(times, signals, wired, request.first_trial + done, count)
                 if done + count == request.trials:
-                    chunk = chunk.assign(bounds.result(times))
+                    kept = np.isin(bounds.times, times)
+                    chunk = chunk.assign({name: (dims, v[:, kept]) for name, (dims, v) in bounds.variables().items()})
                 yield chunk
 
     def _run(

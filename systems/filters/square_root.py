@@ -69,11 +69,15 @@ class Gains:
         solved = np.linalg.solve(self._gram, projected[..., None])
         return (self._root @ solved)[..., 0]
 
+    def root(self) -> Array:
+        """Return a square root A of the posterior covariance, A A^T (not triangular)."""
+        factor = np.linalg.cholesky(self._gram)
+        return np.swapaxes(np.linalg.solve(factor, np.swapaxes(self._root, -1, -2)), -1, -2)
+
     def covariance(self) -> Array:
         """Return the posterior covariance."""
-        factor = np.linalg.cholesky(self._gram)
-        half = np.linalg.solve(factor, np.swapaxes(self._root, -1, -2))
-        return np.swapaxes(half, -1, -2) @ half
+        half = self.root()
+        return half @ np.swapaxes(half, -1, -2)
 
 
 def statistic(rows: Array, whitened: Array) -> Array:

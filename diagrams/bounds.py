@@ -1,0 +1,363 @@
+"""The posterior Cramer-Rao bound along each trial's own truth.
+
+The recursion is that of a Kalman filter linearised at the truth; what a study shows is the square root of the mean
+over the trials of the trace. (The mean of the *information* would turn the one weak direction of a passive geometry
+away and give a bound several times too small.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from diagrams.system import Wired
+from systems.estimators.base import Estimator
+from systems.filters.linear_algebra import cholesky, symmetric
+from systems.filters.square_root import Gains
+from systems.filters.whitening import Whitener, missing_rows
+from systems.frames import up
+from systems.measurement.base import MeasurementModel
+from systems.motion.base import MotionModel
+
+__all__ = ["BoundSquares", "StudyBounds", "add_bounds", "bound_curves", "bound_squares", "posterior_bound"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def posterior_bound(
+    truth: Array,
+    platforms: Array,
+    times: ArrayLike,
+    model: MeasurementModel,
+    motion: MotionModel,
+    start_covariance: Array,
+    first_epoch_used: bool,
+    present: Mask | None = None,
+) -> Array:
+    r"""Return the posterior Cramer-Rao bound of every trial at every epoch.
+
+    .. math:: J_{k+1} = (\Phi_k J_k^{-1} \Phi_k^T + Q_k)^{-1} + H_{k+1}^T R^{-1} H_{k+1}, \qquad P_k = J_k^{-1}
+
+    Tichavsky, Muravchik and Nehorai, *Posterior Cramer-Rao bounds for discrete-time nonlinear filtering*, IEEE Trans.
+    Signal Processing 46 (1998) 1386-1396, eq. (34), with the expectations replaced by their value along the trial's own
+    truth.
+
+    Parameters
+    ----------
+    truth : ndarray, shape (trials or 1, time, n)
+        States; the Jacobians are taken here. Where a number is NaN no measurement counts.
+    platforms : ndarray, shape (trials or 1, time, p, 6)
+        Known carriers.
+    times : array_like, shape (time,)
+        Every epoch, not only those that are stored [s].
+    model : MeasurementModel
+        Measurement of every epoch.
+    motion : MotionModel
+        Motion between the epochs; its process noise may be zero.
+    start_covariance : ndarray, shape (trials or 1, n, n) or (n, n)
+        At the first epoch.
+    first_epoch_used : bool
+        True: the first epoch's measurement is already in the start.
+    present : ndarray of bool, shape (trials or 1, time, m), optional
+        Which rows were measured; by default all.
+
+    Returns
+    -------
+    ndarray, shape (trials, time, n, n)
+        Covariances: the bound after the measurement of the epoch; NaN in a trial that cannot be computed.
+    """
+    steps = _recursion(truth, platforms, times, model, motion, start_covariance, first_epoch_used, present)
+    return np.stack(list(steps), axis=1)
+
+
+def _recursion(
+    truth: Array,
+    platforms: Array,
+    times: ArrayLike,
+    model: MeasurementModel,
+    motion: MotionModel,
+    start_covariance: Array,
+    first_epoch_used: bool,
+    present: Mask | None,
+) -> Iterator[Array]:
+    t = np.asarray(times, dtype=float)
+    start = np.asarray(start_covariance, dtype=float)
+    start = start if start.ndim == 3 else start[None]
+    leading = [truth.shape[0], platforms.shape[0], start.shape[0], 1 if present is None else present.shape[0]]
+    trials = max(leading)
+    if any(count not in (1, trials) for count in leading):
+        raise ValueError(f"trials of truth, platforms, start and present are {leading}; each must be 1 or {trials}")
+    if not truth.shape[1] == platforms.shape[1] == t.size:
+        raise ValueError(f"epochs of truth, platforms and times are {truth.shape[1]}, {platforms.shape[1]}, {t.size}")
+    if start.shape[-1] != motion.size:
+        raise ValueError(f"the start has {start.shape[-1]} states, the motion model {motion.size}")
+
+    whitener = Whitener(model.noise_covariance())
+    covariance, lost = _without_lost(np.broadcast_to(start, (trials, *start.shape[1:])), np.zeros(trials, dtype=bool))
+    # A square root is carried from epoch to epoch: a prior of nearly rank one then loses no digits, and stays
+    # definite where there is no process noise.
+    root = cholesky(covariance)
+    for k in range(t.size):
+        if k > 0:
+            state, dt = truth[:, k - 1], float(t[k] - t[k - 1])
+            noise = motion.process_noise(state, dt)
+            root, lost = _without_lost(motion.transition(state, dt) @ root, lost)
+            if np.any(noise):
+                covariance, lost = _without_lost(symmetric(root @ np.swapaxes(root, -1, -2)) + noise, lost)
+                root = cholesky(covariance)
+        if k > 0 or not first_epoch_used:
+            seen = None if present is None else present[:, k]
+            root = Gains(root, _whitened_rows(root, truth[:, k], platforms[:, k], model, whitener, seen)).root()
+        yield np.where(lost[:, None, None], np.nan, root @ np.swapaxes(root, -1, -2))
+
+
+def _without_lost(matrices: Array, lost: Mask) -> tuple[Array, Mask]:
+    """Return matrices (trials, n, n) with a stand-in where one is not finite, and which trials are lost by now."""
+    broken = ~np.all(np.isfinite(matrices), axis=(-1, -2), keepdims=True)[:, 0, 0]
+    if not broken.any():
+        return matrices, lost
+    return np.where(broken[:, None, None], np.eye(matrices.shape[-1]), matrices), lost | broken
+
+
+def _whitened_rows(
+    root: Array, state: Array, platforms: Array, model: MeasurementModel, whitener: Whitener, seen: Mask | None
+) -> Array:
+    jacobian = model.jacobian(state, platforms)
+    missing = missing_rows(jacobian.sum(axis=-1))
+    if seen is not None and not seen.all():
+        missing = ~seen if missing is None else missing | ~seen
+    if missing is not None:
+        jacobian = np.where(missing[..., None], 0.0, jacobian)
+    return whitener.matrix(missing) @ (jacobian @ root)
+
+
+# --------------------------------------------------------------------------------------------- over trials
+
+
+@dataclass
+class BoundSquares:
+    """Sums over trials of the squared bounds, so that chunks of a study can be added up.
+
+    Attributes
+    ----------
+    position, height, velocity : ndarray, shape (time,)
+        Sum of the trace of the position covariance [m^2], of the variance along the ellipsoid's normal [m^2], and of
+        the trace of the velocity covariance [m^2/s^2]; a state without such components gives NaN.
+    trials : ndarray, shape (time,)
+        How many trials are in the sums; those without a finite bound are not.
+    """
+
+    position: Array
+    height: Array
+    velocity: Array
+    trials: Array
+
+    @classmethod
+    def zeros(cls, epochs: int) -> BoundSquares:
+        """Return empty sums."""
+        return cls(*(np.zeros(epochs) for _ in range(4)))
+
+    def add(self, squares: Array, trials: int) -> None:
+        """Add squares (3, time, trials or 1) of a chunk of `trials`.
+
+        One trial after the other, so that the sum does not depend, to the last bit, on how a study is cut.
+        """
+        each = np.broadcast_to(squares, (*squares.shape[:-1], trials))
+        known = np.isfinite(each[0]) & np.isfinite(each[1])
+        for name, values in zip(("position", "height", "velocity"), each, strict=True):
+            parts = np.concatenate([getattr(self, name)[:, None], np.where(known, values, 0.0)], axis=-1)
+            setattr(self, name, np.cumsum(parts, axis=-1)[:, -1])
+        self.trials = self.trials + np.count_nonzero(known, axis=-1)
+
+    def curves(self) -> dict[str, Array]:
+        """Return ``position`` [m], ``height`` [m] and ``velocity`` [m/s] against time: sqrt of the mean over trials."""
+        count = np.where(self.trials > 0, self.trials, np.nan)
+        return {name: np.sqrt(getattr(self, name) / count) for name in ("position", "height", "velocity")}
+
+
+def bound_squares(covariance: Array, truth: Array) -> Array:
+    """Return the squared bounds of every trial.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (..., n, n)
+        Of states that begin with Earth-fixed position [m] and velocity [m/s].
+    truth : ndarray, shape (..., n)
+        Broadcasts with it.
+
+    Returns
+    -------
+    ndarray, shape (3, ...)
+        Trace of the position part [m^2], variance along the ellipsoid's normal [m^2], trace of the velocity part
+        [m^2/s^2]; NaN for a velocity that is not in the state.
+    """
+    place = covariance[..., :3, :3]
+    normal = up(truth[..., :3])
+    height = np.einsum("...i,...ij,...j->...", normal, place, normal)
+    position = np.trace(place, axis1=-2, axis2=-1)
+    if covariance.shape[-1] >= 6:
+        velocity = np.trace(covariance[..., 3:6, 3:6], axis1=-2, axis2=-1)
+    else:
+        velocity = np.full(position.shape, np.nan)
+    return np.stack(np.broadcast_arrays(position, height, velocity))
+
+
+def bound_curves(covariance: Array, truth: Array) -> dict[str, Array]:
+    """Return the bounds against time: square root of the mean over the trials.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (trials, time, n, n)
+        From `posterior_bound`.
+    truth : ndarray, shape (trials or 1, time, n)
+
+    Returns
+    -------
+    dict of str to ndarray, shape (time,)
+        ``position`` [m], ``height`` [m], ``velocity`` [m/s].
+    """
+    sums = BoundSquares.zeros(covariance.shape[1])
+    sums.add(np.moveaxis(bound_squares(covariance, truth), 1, -1), covariance.shape[0])
+    return sums.curves()
+
+
+# ------------------------------------------------------------------------------------------------ of a study
+
+
+@dataclass
+class StudyBounds:
+    """Both bounds of every estimator of a diagram, summed chunk by chunk.
+
+    ``bound``: what the estimator's motion model allows (its process noise). ``bound_truth``: the same measurements and
+    start, with the process noise of the motion that was simulated. Estimators whose sensor, motion and start are alike
+    share the work. Estimators whose state is not the truth's have no bound (NaN).
+
+    Parameters
+    ----------
+    wired : Wired
+        The diagram.
+    times : ndarray, shape (time,)
+        Every epoch of the clock [s].
+    """
+
+    wired: Wired
+    times: Array
+    _sums: dict[tuple[str, str], BoundSquares] = field(default_factory=dict)
+
+    def add(self, truth: Array, platforms: Array, trials: int | None = None, present: Mask | None = None) -> None:
+        """Add a chunk of trials.
+
+        Parameters
+        ----------
+        truth : ndarray, shape (trials or 1, time, n)
+            1 where all trials share it.
+        platforms : ndarray, shape (trials or 1, time, p, 6)
+            Known carriers.
+        trials : int, optional
+            Trials of the chunk; by default those of truth, platforms and `present`.
+        present : ndarray of bool, shape (trials or 1, time, rows of the measurement stream), optional
+            Which rows were measured; by default all.
+        """
+        if present is not None and (present == present[:1]).all():
+            present = present[:1]
+        arrays = [truth, platforms] if present is None else [truth, platforms, present]
+        count = trials or max(array.shape[0] for array in arrays)
+        done: list[tuple[tuple[Any, ...], Array]] = []
+        for name, estimator in self.wired.estimators.items():
+            for kind, motion in (("bound", estimator.motion), ("bound_truth", self.wired.truth_motion)):
+                squares = self._squares(name, estimator, motion, truth, platforms, present, done)
+                sums = self._sums.setdefault((name, kind), BoundSquares.zeros(self.times.size))
+                sums.add(squares, count)
+
+    def _squares(
+        self,
+        name: str,
+        estimator: Estimator,
+        motion: MotionModel,
+        truth: Array,
+        platforms: Array,
+        present: Mask | None,
+        done: list[tuple[tuple[Any, ...], Array]],
+    ) -> Array:
+        n = truth.shape[-1]
+        if not estimator.motion.size == motion.size == n:
+            return np.full((3, self.times.size, 1), np.nan)
+        start = self.wired.start_covariance(name, truth[:, 0], platforms[:, 0])
+        key = (estimator.model, motion, start)
+        for known, squares in done:
+            if _alike(key, known):
+                return squares
+        seen = None
+        if present is not None:
+            stream = list(estimator.wiring.stream)
+            seen = present[..., [stream.index(row) for row in estimator.model.names]]
+        steps = _recursion(
+            truth, platforms, self.times, estimator.model, motion, start, self.wired.start_uses_measurement, seen
+        )
+        squares = np.stack([bound_squares(p, truth[:, k]) for k, p in enumerate(steps)], axis=1)
+        done.append((key, squares))
+        return squares
+
+    def variables(self) -> dict[str, tuple[tuple[str, str], Array]]:
+        """Return the variables (estimator, time) of a study's result, ``bound_position`` ... ``bound_truth_velocity``.
+
+        The estimators are in the diagram's order, the epochs are all of the clock.
+        """
+        found = {}
+        names = list(self.wired.estimators)
+        for kind in ("bound", "bound_truth"):
+            curves = [self._sums[name, kind].curves() for name in names]
+            for what in ("position", "height", "velocity"):
+                found[f"{kind}_{what}"] = (("estimator", "time"), np.stack([curve[what] for curve in curves]))
+        return found
+
+
+def _alike(a: Any, b: Any) -> bool:
+    """Return whether two things are the same in all that they consist of."""
+    if a is b:
+        return True
+    if type(a) is not type(b):
+        return False
+    if isinstance(a, np.ndarray):
+        return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f"))
+    if isinstance(a, list | tuple):
+        return len(a) == len(b) and all(_alike(p, q) for p, q in zip(a, b, strict=True))
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(_alike(a[key], b[key]) for key in a)
+    if hasattr(a, "__dict__") and not callable(a):
+        return _alike(vars(a), vars(b))
+    return bool(a == b)
+
+
+def add_bounds(
+    dataset: xr.Dataset, wired: Wired, truth: Array, platforms: Array, present: Mask | None = None
+) -> xr.Dataset:
+    """Return a study's result with the bounds of its estimators.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Result that holds *every* epoch of the clock; where epochs are left out, use `StudyBounds`.
+    wired : Wired
+        The diagram.
+    truth : ndarray, shape (trials or 1, time, n)
+    platforms : ndarray, shape (trials or 1, time, p, 6)
+    present : ndarray of bool, shape (trials or 1, time, rows of the measurement stream), optional
+        Which rows were measured.
+
+    Returns
+    -------
+    xarray.Dataset
+        With ``bound_position``, ``bound_height``, ``bound_velocity`` and ``bound_truth_...``, (estimator, time).
+    """
+    bounds = StudyBounds(wired, np.asarray(dataset["time"].values, dtype=float))
+    bounds.add(truth, platforms, dataset.sizes["trial"], present)
+    names = [str(name) for name in dataset["estimator"].values]
+    made = xr.Dataset(bounds.variables(), coords={"estimator": list(wired.estimators), "time": dataset["time"]})
+    return dataset.merge(made.sel(estimator=names))

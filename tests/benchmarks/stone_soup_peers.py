@@ -1,0 +1,120 @@
+"""Stone Soup's Kalman filters on a recorded pass, one trial after the other."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from stonesoup.base import Property
+from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
+from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
+from stonesoup.predictor.kalman import KalmanPredictor
+from stonesoup.types.array import CovarianceMatrix, StateVector
+from stonesoup.types.detection import Detection
+from stonesoup.types.hypothesis import SingleHypothesis
+from stonesoup.types.state import GaussianState
+from stonesoup.updater import Updater
+from stonesoup.updater.kalman import IteratedKalmanUpdater
+
+from systems.measurement.stack import Stack
+from tests.benchmarks.own_peers import History
+from tests.benchmarks.recorded_pass import PERIOD, RecordedPass
+from tests.benchmarks.single_target import SingleTarget
+
+__all__ = ["StoneSoup", "iterated"]
+
+Array = NDArray[np.float64]
+
+_EPOCH = datetime.datetime(2024, 1, 1)
+
+
+class Measurement(NonLinearGaussianMeasurement):
+    """`SingleTarget` as Stone Soup wants it: column vectors, and states instead of arrays."""
+
+    target: SingleTarget = Property(doc="The measurement function and its analytic Jacobian.")
+
+    @property
+    def ndim_meas(self) -> int:
+        """Number of rows."""
+        return 6
+
+    def function(self, state: GaussianState, noise: object = False, **kwargs: object) -> StateVector:
+        """Return the measurement, without noise."""
+        return self.target.function(np.asarray(state.state_vector)[:, 0])[:, None].view(StateVector)
+
+    def jacobian(self, state: GaussianState, **kwargs: object) -> Array:
+        """Return its derivative."""
+        return self.target.jacobian(np.asarray(state.state_vector)[:, 0])
+
+
+class StoneSoup:
+    """A Stone Soup updater on a recorded pass.
+
+    Detections, models and time stamps are made beforehand; a run is prediction, hypothesis and update.
+
+    Parameters
+    ----------
+    recorded : RecordedPass
+        The measurements.
+    updater : callable
+        Makes the updater of one run; its cache of earlier predictions is then empty.
+    """
+
+    def __init__(self, recorded: RecordedPass, updater: Callable[[], Updater]) -> None:
+        assert isinstance(recorded.model, Stack)
+        self._recorded = recorded
+        self._updater = updater
+        self._motion = LinearGaussianTimeInvariantTransitionModel(
+            transition_matrix=recorded.motion.transition(recorded.mean, PERIOD),
+            covariance_matrix=CovarianceMatrix(recorded.motion.process_noise(recorded.mean, PERIOD)),
+        )
+        noise = CovarianceMatrix(recorded.model.noise_covariance())
+        self._stamps = [_EPOCH + datetime.timedelta(seconds=float(t)) for t in recorded.times]
+        models = [
+            Measurement(ndim_state=6, mapping=list(range(6)), noise_covar=noise, target=SingleTarget(recorded.model, p))
+            for p in recorded.platforms[:, 0]
+        ]
+        self._detections = [
+            [
+                Detection(StateVector(z), timestamp=stamp, measurement_model=model)
+                for z, stamp, model in zip(recorded.measurement[:, trial], self._stamps, models, strict=True)
+            ]
+            for trial in range(recorded.trials)
+        ]
+
+    def run(self) -> History:
+        """Filter all trials."""
+        histories = [self._run_one(trial) for trial in range(self._recorded.trials)]
+        means, covariances = zip(*histories, strict=True)
+        return np.array(means).swapaxes(0, 1)[..., 0], np.array(covariances).swapaxes(0, 1)
+
+    def _run_one(self, trial: int) -> tuple[list[Array], list[Array]]:
+        predictor, updater = KalmanPredictor(self._motion), self._updater()
+        state = GaussianState(
+            StateVector(self._recorded.mean[trial]),
+            CovarianceMatrix(self._recorded.covariance[trial]),
+            timestamp=self._stamps[0],
+        )
+        means, covariances = [state.state_vector], [state.covar]
+        for detection in self._detections[trial][1:]:
+            prediction = predictor.predict(state, timestamp=detection.timestamp)
+            state = updater.update(SingleHypothesis(prediction, detection))
+            means.append(state.state_vector)
+            covariances.append(state.covar)
+        return means, covariances
+
+
+def iterated(recorded: RecordedPass) -> StoneSoup:
+    """Return the iterated extended Kalman filter with the stop rule of the recorded `iekf`.
+
+    Stone Soup counts differently: its limit n allows n + 2 linearisations.
+    """
+    algorithm = recorded.algorithm
+    return StoneSoup(
+        recorded,
+        lambda: IteratedKalmanUpdater(
+            measurement_model=None, tolerance=algorithm.tolerance, max_iterations=algorithm.max_iterations - 2
+        ),
+    )
