@@ -199,7 +199,8 @@ def bound_squares(covariance: Array, truth: Array) -> Array:
     """
     place = covariance[..., :3, :3]
     normal = up(truth[..., :3])
-    height = np.einsum("...i,...ij,...j->...", normal, place, normal)
+    # not einsum: with three factors its rounding depends on the number of trials
+    height = (normal[..., None, :] @ place @ normal[..., None])[..., 0, 0]
     position = np.trace(place, axis1=-2, axis2=-1)
     if covariance.shape[-1] >= 6:
         velocity = np.trace(covariance[..., 3:6, 3:6], axis1=-2, axis2=-1)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, NoReturn
 
 import typer
+from typer.exceptions import TyperException
 
 __all__ = ["app", "main"]
 
@@ -30,6 +31,13 @@ _SCENARIO = typer.Option("--scenario", metavar="FILE", help="A YAML file laid ov
 _ESTIMATOR = typer.Option(
     "--estimator", metavar="NAME", help="Run only these: names of the scenario or registry, or package.module:Class."
 )
+
+
+def _whole(value: str) -> int:
+    try:
+        return int(value)
+    except ValueError:
+        raise typer.BadParameter(f"{value} is not allowed; a whole number") from None
 
 
 def _show_version(wanted: bool) -> None:
@@ -85,9 +93,15 @@ def show(
 def run(
     system: Annotated[str | None, _SYSTEM] = None,
     estimators: Annotated[list[str] | None, _ESTIMATOR] = None,
-    trials: Annotated[int | None, typer.Option(help="Monte Carlo trials.  [default: 100]")] = None,
-    first_trial: Annotated[int | None, typer.Option(help="Number of the first trial.  [default: 0]")] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of all noise.  [default: 0]")] = None,
+    trials: Annotated[
+        int | None, typer.Option(parser=_whole, metavar="N", help="Monte Carlo trials.  [default: 100]")
+    ] = None,
+    first_trial: Annotated[
+        int | None, typer.Option(parser=_whole, metavar="N", help="Number of the first trial.  [default: 0]")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(parser=_whole, metavar="N", help="Seed of all noise.  [default: 0]")
+    ] = None,
     settings: Annotated[list[str] | None, _SET] = None,
     scenario: Annotated[Path | None, _SCENARIO] = None,
     from_: Annotated[
@@ -96,8 +110,12 @@ def run(
     keep: Annotated[
         str | None, typer.Option(help="estimates, covariance, measurements or all.  [default: estimates]")
     ] = None,
-    every: Annotated[int | None, typer.Option(help="Keep every so many epochs.  [default: 1]")] = None,
-    chunk: Annotated[int | None, typer.Option(help="Trials at once; changes no number.")] = None,
+    every: Annotated[
+        int | None, typer.Option(parser=_whole, metavar="N", help="Keep every so many epochs.  [default: 1]")
+    ] = None,
+    chunk: Annotated[
+        int | None, typer.Option(parser=_whole, metavar="N", help="Trials at once; changes no number.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write results, summary and figures here.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
 ) -> None:
@@ -162,18 +180,31 @@ def replay(
     replay_command(dataset, data, out, overwrite)
 
 
-def main(arguments: list[str] | None = None) -> Any:
-    """Run the command; user's mistakes are one line on standard error and exit status 2."""
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command; a user's mistake is one line on standard error and exit status 2."""
     from diagrams.errors import UserError
 
     try:
-        return app(args=arguments, standalone_mode=True)
+        status = app(args=arguments, standalone_mode=False, prog_name="quietfix")
     except UserError as error:
-        print(f"quietfix: {error}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        print("quietfix: interrupted", file=sys.stderr)
-        sys.exit(130)
+        _fail(str(error), 2)
+    except TyperException as error:
+        # Usage errors of the parser: unknown options and commands, values of the wrong type.
+        message = error.format_message() if hasattr(error, "format_message") else str(error)
+        _fail(f"{message.rstrip('.')}; see `quietfix --help`", 2)
+    except (KeyboardInterrupt, typer.Abort):
+        _fail("interrupted", 130)
+    except BrokenPipeError:  # `quietfix show ... | head`
+        sys.stderr.close()
+        sys.exit(0)
+    if status == 130:  # Typer's own handling of Ctrl-C
+        _fail("interrupted", 130)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _fail(message: str, status: int) -> NoReturn:
+    print(f"quietfix: {message}", file=sys.stderr)
+    sys.exit(status)
 
 
 if __name__ == "__main__":

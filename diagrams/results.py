@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
+import threading
 import time
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import Any
 
 import xarray as xr
@@ -18,6 +22,27 @@ from diagrams.errors import UserError
 __all__ = ["OutputFolder", "open_result", "write_summary"]
 
 _OURS = ("results.zarr", "summary.json", "diagram.svg")  # and *.png
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Hold Ctrl-C back until a write is finished, so that nothing on disk is half-written."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pending = False
+
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal pending
+        pending = True
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if pending:
+        raise KeyboardInterrupt
 
 
 class OutputFolder:
@@ -61,7 +86,7 @@ class OutputFolder:
         others = [p.name for p in self.final.iterdir() if p.name not in _OURS and p.suffix != ".png"]
         if others:
             raise UserError(
-                f"--out: {self.final} holds other files ({', '.join(sorted(others)[:3])}); choose an empty or new folder"
+                f"--out: {self.final} holds other files ({', '.join(sorted(others)[:3])}); choose a new folder"
             )
         if any(self.final.iterdir()) and not overwrite:
             raise UserError(f"--out: {self.final} holds an earlier result; add --overwrite or choose another folder")
@@ -73,7 +98,7 @@ class OutputFolder:
 
     def append(self, chunk: xr.Dataset) -> None:
         """Write one chunk of trials."""
-        with warnings.catch_warnings():
+        with _undisturbed(), warnings.catch_warnings():
             # zarr warns that its text type is not in the v3 specification yet; xarray reads it all the same.
             warnings.simplefilter("ignore")
             if self.chunks == 0:
@@ -86,17 +111,18 @@ class OutputFolder:
                 fresh = [name for name in chunk if str(name).startswith("bound_")]
                 if fresh:
                     chunk[fresh].to_zarr(self.store, mode="a", consolidated=False)
-        self.chunks += 1
+            self.chunks += 1
 
     def finish(self) -> None:
         """Give the folder its final name."""
-        if self.final.exists():
-            old = self.final.with_name(f"{self.final.name}.old.{os.getpid()}")
-            self.final.rename(old)
-            self.partial.rename(self.final)
-            shutil.rmtree(old)
-        else:
-            self.partial.rename(self.final)
+        with _undisturbed():
+            if self.final.exists():
+                old = self.final.with_name(f"{self.final.name}.old.{os.getpid()}")
+                self.final.rename(old)
+                self.partial.rename(self.final)
+                shutil.rmtree(old)
+            else:
+                self.partial.rename(self.final)
 
     def __enter__(self) -> OutputFolder:
         """Begin."""

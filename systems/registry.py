@@ -13,6 +13,7 @@ ESTIMATORS: dict[str, str] = {
     "iekf": "systems.estimators.iekf:Iekf",
     "ekf": "systems.estimators.ekf:Ekf",
     "ukf": "systems.estimators.ukf:Ukf",
+    "iekf_hypotheses": "systems.estimators.iekf_hypotheses:IekfHypotheses",
     "custom": "systems.estimators.custom:Custom",
 }
 """Options class of each estimator, as ``module:Class``."""

@@ -132,6 +132,16 @@ class Estimator(EnsembleBlock):
     def begin(self, mean: Array, covariance: Array, epoch: Epoch) -> Memory:
         """Return the memory for a belief N(mean, covariance); NaN where a trial cannot start."""
 
+    def first(
+        self, measurement: Array, platforms: Array, inputs: Mapping[str, Array], epoch: Epoch
+    ) -> tuple[Memory, NDArray[np.bool_]]:
+        """Return the memory of the first belief and which trials have one (trials,); arguments as in `Start.begin`.
+
+        A subclass overrides this where one Gaussian per trial cannot say what the start knows.
+        """
+        mean, covariance = self.start.begin(measurement, platforms, inputs)
+        return self.begin(mean, covariance, epoch), np.isfinite(mean).all(axis=-1)
+
     @abstractmethod
     def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
         """Return the memory `dt` seconds later."""
@@ -264,11 +274,12 @@ class Estimator(EnsembleBlock):
         stream: Array,
     ) -> tuple[Memory, Innovation, NDArray[np.bool_]]:
         """Start the trials that could not start before, and leave the others alone."""
-        mean, covariance = self.start.begin(stream, self._read_platforms(context), self._inputs_of_start(context))
-        new = ~started & np.isfinite(mean).all(axis=-1)
+        begun, able = self.first(
+            stream, self._read_platforms(context), self._inputs_of_start(context), self._epoch(context)
+        )
+        new = ~started & able
         if not new.any():
             return memory, innovation, started
-        begun = self.begin(mean, covariance, self._epoch(context))
         memory = {group: np.where(new[:, None], begun[group], memory[group]) for group in memory}
         fresh = Innovation(
             np.where(new[:, None], np.nan, innovation.value),
@@ -301,13 +312,13 @@ class Estimator(EnsembleBlock):
         """Start at the first instant; a start made from a measurement has then used that measurement."""
         time = context.get_time()
         trials = self.wiring.trials
-        mean, covariance = self.start.begin(
-            self.read(context, "measurement"), self._read_platforms(context), self._inputs_of_start(context)
+        memory, started = self.first(
+            self.read(context, "measurement"),
+            self._read_platforms(context),
+            self._inputs_of_start(context),
+            self._epoch(context),
         )
-        epoch = self._epoch(context)
         nothing = Innovation(np.full((trials, self.model.size), np.nan), np.full(trials, np.nan), np.zeros(trials))
-        started = np.isfinite(mean).all(axis=-1)
-        memory = self.begin(mean, covariance, epoch)
         self._write(discrete, memory, nothing, started, time, self.start.uses_measurement)
 
     def _store(self, context: Context, discrete: DiscreteValues) -> None:

@@ -55,12 +55,12 @@ class KnownHeightStart(Start):
         absent = [row for row in tdoa.names if row not in stream]
         if absent:
             raise ValueError(f"start: rows {absent} are not measured; there are {list(stream)}")
-        self._tdoa = tdoa
+        self.tdoa = tdoa
         self._rows = [list(stream).index(row) for row in tdoa.names]
         self._order = [tdoa.reference, *tdoa.receivers]
-        self._sigma_height = positive(sigma_height, "sigma_height", "m")
-        self._sigma_velocity = positive(sigma_velocity, "sigma_velocity", "m/s")
-        self._sigma_satellite = sigma_satellite
+        self.sigma_height = positive(sigma_height, "sigma_height", "m")
+        self.sigma_velocity = positive(sigma_velocity, "sigma_velocity", "m/s")
+        self.sigma_satellite = sigma_satellite
         self._method: Method = method
 
     @property
@@ -82,10 +82,10 @@ class KnownHeightStart(Start):
         covariance[..., :3, :3] = known_height_covariance(
             target,
             platforms[..., self._order, :],
-            self._tdoa.sigma,
-            self._sigma_height,
-            self._sigma_satellite,
-            self._tdoa.correlated,
+            self.tdoa.sigma,
+            self.sigma_height,
+            self.sigma_satellite,
+            self.tdoa.correlated,
         )
-        covariance[..., 3:, 3:] = self._sigma_velocity**2 * np.eye(3)
+        covariance[..., 3:, 3:] = self.sigma_velocity**2 * np.eye(3)
         return covariance

@@ -24,5 +24,9 @@ class Ukf(EstimatorOptions):
 
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""
+        if motion.size + self.kappa <= 0:
+            raise ValueError(
+                f"estimators.{name}.kappa: {self.kappa:g} is not allowed; > -{motion.size}, minus the number of states"
+            )
         algorithm = UnscentedKalman(self.alpha, self.beta, self.kappa)
         return KalmanEstimator(name, algorithm, model, motion, start, wiring)

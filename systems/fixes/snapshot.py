@@ -119,13 +119,124 @@ def snapshot_fix(
     SnapshotFix
     """
     lead = np.broadcast_shapes(measurement.shape[:-1], platforms.shape[:-2], noise.shape[:-2], starts.shape[:-2])
-    count, m = starts.shape[-2], model.size
-    whole = (*lead, count)
 
-    def spread(array: Array, trailing: int) -> Array:
-        """Give every start its own copy of what belongs to a fix, with one leading axis."""
+    def flat(array: Array, trailing: int) -> Array:
         tail = array.shape[array.ndim - trailing :]
-        wide = np.broadcast_to(array, (*lead, *tail))[..., None, :].reshape(*lead, 1, *tail) if tail else array
-        return np.broadcast_to(wide, (*whole, *tail)).reshape(-1, *tail)
+        return np.broadcast_to(array, (*lead, *tail)).reshape(-1, *tail)
 
-    raise NotImplementedError
+    places = flat(starts, 2)
+    fixes, count = places.shape[:2]
+    problem = _Problem(
+        flat(measurement, 1),
+        flat(platforms, 2),
+        model,
+        flat(noise, 2),
+        None if prior is None else (flat(prior[0], 1), flat(prior[1], 2)),
+    )
+    position, information, cost = _levenberg(problem, places.reshape(-1, 3), np.repeat(np.arange(fixes), count))
+
+    cost = cost.reshape(fixes, count)
+    best = np.argmin(np.where(np.isfinite(cost), cost, np.inf), axis=-1)
+    chosen = np.arange(fixes) * count + best
+    found = np.isfinite(cost[np.arange(fixes), best])
+    covariance = np.full((fixes, 3, 3), np.nan)
+    covariance[found] = symmetric(np.linalg.inv(information[chosen[found]]))
+    return SnapshotFix(
+        np.where(found[:, None], position[chosen], np.nan).reshape(*lead, 3),
+        covariance.reshape(*lead, 3, 3),
+        np.where(found, cost[np.arange(fixes), best], np.nan).reshape(lead),
+        (problem.rows - 3.0).reshape(lead),
+    )
+
+
+class _Problem:
+    """Fixes to be made, each with its data: leading axis (fixes,)."""
+
+    def __init__(
+        self,
+        measurement: Array,
+        platforms: Array,
+        model: MeasurementModel,
+        noise: Array,
+        prior: tuple[Array, Array] | None,
+    ) -> None:
+        self._model = model
+        self._measurement = measurement
+        self._platforms = platforms
+        far_out = np.zeros((1, 6))
+        far_out[0, 2] = 7e6  # any place where the models are defined: which rows exist does not depend on it
+        with np.errstate(invalid="ignore"):
+            exists = np.isfinite(model.predict(far_out, platforms)) & np.isfinite(measurement)
+        self._missing = ~exists
+        self._whitening = Whitener(noise).matrix(self._missing)
+        self.rows = np.count_nonzero(exists, axis=-1).astype(float)
+        self._prior = None
+        if prior is not None:
+            mean, covariance = prior
+            known = np.isfinite(mean).all(axis=-1) & np.isfinite(covariance).all(axis=(-1, -2))
+            root = np.linalg.inv(cholesky(np.where(known[:, None, None], covariance, np.eye(3))))
+            self._prior = np.where(known[:, None], mean, 0.0), np.where(known[:, None, None], root, 0.0)
+            self.rows += 3.0 * known
+
+    def linearize(self, which: NDArray[np.intp], position: Array) -> tuple[Array, Array]:
+        """Return whitened residuals and their negative derivative, (n, rows) and (n, rows, 3), at (n, 3)."""
+        target = np.concatenate([position, np.zeros_like(position)], axis=-1)
+        value, jacobian = self._model.linearize(target, self._platforms[which])
+        missing = self._missing[which]
+        residual = np.where(missing, 0.0, self._model.residual(self._measurement[which], value))
+        gradient = np.where(missing[..., None], 0.0, jacobian[..., :3])
+        w = self._whitening[which]
+        residual, gradient = np.einsum("nij,nj->ni", w, residual), w @ gradient
+        if self._prior is not None:
+            mean, root = (part[which] for part in self._prior)
+            extra = np.einsum("nij,nj->ni", root, mean - position)
+            residual, gradient = np.concatenate([residual, extra], axis=1), np.concatenate([gradient, root], axis=1)
+        return residual, gradient
+
+
+def _levenberg(problem: _Problem, position: Array, owner: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+    """Return minima, their information and cost; cost NaN where there is none. Each start stops by itself."""
+    position = position.copy()
+    information = np.full((position.shape[0], 3, 3), np.nan)
+    cost = np.full(position.shape[0], np.nan)
+    active = np.flatnonzero(np.isfinite(position).all(axis=-1) & (problem.rows[owner] >= 3))
+    here = position[active]
+    residual, gradient = problem.linearize(owner[active], here)
+    value = np.einsum("ni,ni->n", residual, residual)
+    damping = np.full(active.size, _FIRST_DAMPING)
+    for _ in range(_ITERATIONS):
+        if active.size == 0:
+            break
+        normal = np.swapaxes(gradient, -1, -2) @ gradient
+        slope = np.einsum("nmi,nm->ni", gradient, residual)
+        scale = np.sqrt(np.einsum("nii->ni", normal))
+        solvable = (scale > 0).all(axis=-1) & np.isfinite(value)
+        scale = np.where(solvable[:, None], scale, 1.0)
+        scaled = np.where(solvable[:, None, None], normal / (scale[:, :, None] * scale[:, None, :]), np.eye(3))
+        step = np.linalg.solve(scaled + damping[:, None, None] * np.eye(3), (slope / scale)[..., None])[..., 0] / scale
+        decrease = np.einsum("ni,ni->n", step, slope)
+
+        arrived = solvable & (decrease <= _CONVERGED) & (damping <= _GAUSS_NEWTON)
+        if arrived.any():
+            determined = np.linalg.eigvalsh(scaled)[:, 0] > _RANK
+            good = arrived & determined
+            position[active[good]], information[active[good]], cost[active[good]] = (
+                here[good],
+                normal[good],
+                value[good],
+            )
+        going = solvable & ~arrived & (damping < _MOST_DAMPING)
+        active, here, residual, gradient, value, damping, step = (
+            array[going] for array in (active, here, residual, gradient, value, damping, step)
+        )
+        moved = here + step
+        new_residual, new_gradient = problem.linearize(owner[active], moved)
+        new_value = np.einsum("ni,ni->n", new_residual, new_residual)
+        # the slack lets a step through that rounding alone makes worse
+        better = new_value <= value * (1 + 1e-12) + 1e-12
+        here = np.where(better[:, None], moved, here)
+        residual = np.where(better[:, None], new_residual, residual)
+        gradient = np.where(better[:, None, None], new_gradient, gradient)
+        value = np.where(better, new_value, value)
+        damping = np.where(better, np.maximum(damping / 10, _LEAST_DAMPING), damping * 10)
+    return position, information, cost

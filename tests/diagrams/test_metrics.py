@@ -85,9 +85,7 @@ def test_rmse_is_that_of_the_definition():
     np.testing.assert_allclose(rmse(errors(data)["position"]), expected, rtol=1e-12)
     lengths = np.linalg.norm(gap[..., :3], axis=-1)
     np.testing.assert_allclose(median(errors(data)["position"]), np.median(lengths, axis=1), rtol=1e-12)
-    np.testing.assert_allclose(
-        percentile(errors(data)["position"], 90), np.percentile(lengths, 90, axis=1), rtol=1e-12
-    )
+    np.testing.assert_allclose(percentile(errors(data)["position"], 90), np.percentile(lengths, 90, axis=1), rtol=1e-12)
 
 
 def test_a_lost_trial_makes_rmse_infinite_and_moves_the_median():

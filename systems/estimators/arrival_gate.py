@@ -1,0 +1,210 @@
+r"""A gate for arrival times: leaves out the one receiver that contradicts the others.
+
+TDOA rows are differences against receiver 0, so one bad receiver i > 0 spoils one row, and a bad receiver 0 all of
+them. Either can be taken out of the same rows. Each receiver's own error has variance :math:`s^2`, so the differences
+have
+
+.. math:: R_S = s^2 I + S\,1 1^T, \qquad S = s^2,
+
+and by the formula of Sherman and Morrison
+
+.. math:: R_S^{-1} = \frac{1}{s^2}\left(I - \frac{S}{s^2 + n S}\,1 1^T\right)
+          \ \to\ \frac{1}{s^2}\left(I - \frac{1}{n}\,1 1^T\right) \quad (S \to \infty),
+
+which annihilates what all differences have in common: receiver 0's error. What is left is the information of the
+differences among receivers 1 to n, whichever of them is the reference. So a receiver i > 0 is left out by a NaN row,
+and receiver 0 by a huge S; the estimator takes R from the port.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context
+from scipy.stats import chi2
+
+from systems.fixes.snapshot import SnapshotFix, snapshot_fix, starts_around
+from systems.measurement.base import MeasurementModel
+from systems.measurement.tdoa import Tdoa
+from systems.signals import EnsembleBlock
+
+__all__ = ["KEPT", "REFUSED", "ArrivalGate", "without_receivers"]
+
+Array = NDArray[np.float64]
+
+KEPT = -1
+"""Value of ``excluded`` where all receivers agree, or there is nothing to judge."""
+REFUSED = -2
+"""Value of ``excluded`` where leaving out one receiver does not help: no row passes."""
+
+_HUGE = 1e6  # S / s^2: what is left of receiver 0 is a weight of 1e-6 / n^2, and R is still well conditioned
+
+
+def without_receivers(model: MeasurementModel, tdoa: Tdoa) -> tuple[NDArray[np.bool_], Array]:
+    """Return how rows and R look with all receivers, and with each of them left out.
+
+    Parameters
+    ----------
+    model : MeasurementModel
+        What is measured; `tdoa` is a part of it.
+    tdoa : Tdoa
+        The differences, correlated through the reference receiver.
+
+    Returns
+    -------
+    dropped : ndarray, shape (1 + receivers, m)
+        Rows that go. Entry 0: all receivers are in; entry 1: the reference is out; then those of `tdoa.receivers`.
+    noise : ndarray, shape (1 + receivers, m, m)
+        R.
+    """
+    rows = [model.names.index(name) for name in tdoa.names]
+    cases = 2 + len(rows)
+    dropped = np.zeros((cases, model.size), dtype=bool)
+    dropped[np.arange(2, cases), rows] = True
+    noise = np.repeat(model.noise_covariance()[None], cases, axis=0)
+    noise[1][np.ix_(rows, rows)] += _HUGE * tdoa.sigma**2 / 2
+    return dropped, noise
+
+
+class ArrivalGate(EnsembleBlock):
+    """Test arrival times for consistency, and leave one receiver out where that restores it.
+
+    Inputs ``measurement``, ``platforms`` and, with `feedback`, ``prediction`` and ``prediction_covariance`` of the
+    estimator behind it. Outputs ``measurement`` and ``noise_covariance``, which say together what is left out (see the
+    module), and ``excluded``: the platform left out, or `KEPT`, or `REFUSED`.
+
+    A case (all receivers, or all but one) passes if its least-squares cost is below the chi-square quantile of its
+    redundancy. The cases are tried in this order, in each trial by itself:
+
+    1. all receivers, together with the prediction;
+    2. all but one, together with the prediction; of several that pass, the one with the lowest cost;
+    3. all receivers alone: they agree with each other, so it is the prediction that is wrong;
+    4. all but one, alone; if several pass, nothing says which is right;
+    5. otherwise the measurement is refused: all its rows become NaN.
+
+    Without a prediction (not connected, or the estimator has not begun) steps 1 and 2 fall away. Five arrival times and
+    a height have two degrees of freedom then, of which leaving one out takes one. The estimator's ``nis_dof`` counts
+    rows, so it is one too many where the reference is left out.
+
+    Parameters
+    ----------
+    model : MeasurementModel
+        What is measured: the rows of the port, in their order; it must not depend on the velocity.
+    tdoa : Tdoa
+        The part of it that is arrival times; correlated.
+    trials, platforms : int
+        Trials, and number of carriers on the platforms port.
+    height : str
+        Name of the row that gives the height at which the search for a fix begins.
+    false_alarm : float
+        Probability that a sound measurement fails the test.
+    platform_trials : int
+        Trials of the platforms' states.
+    feedback : int
+        Number of states of the estimator whose prediction is fed back; 0: none is.
+    name : str
+        Name of the block.
+
+    Raises
+    ------
+    ValueError
+        If `tdoa` is not correlated or not part of `model`, or a row or a probability is not allowed.
+    """
+
+    def __init__(
+        self,
+        model: MeasurementModel,
+        tdoa: Tdoa,
+        trials: int,
+        platforms: int,
+        height: str,
+        false_alarm: float = 1e-3,
+        platform_trials: int = 1,
+        feedback: int = 6,
+        name: str = "gate",
+    ) -> None:
+        super().__init__(name)
+        if not tdoa.correlated:
+            raise ValueError(f"{name}: arrival times need a TDOA model that is correlated through its reference")
+        absent = [row for row in (*tdoa.names, height) if row not in model.names]
+        if absent:
+            raise ValueError(f"{name}: rows {absent} are not measured; there are {list(model.names)}")
+        if not 0 < false_alarm < 1:
+            raise ValueError(f"{name}: false_alarm {false_alarm} is not allowed; between 0 and 1")
+        self.model = model
+        self.trials = trials
+        self._platforms = platforms
+        self._states = feedback
+        self._height = model.names.index(height)
+        self._dropped, self._noise = without_receivers(model, tdoa)
+        self._receivers = np.array([KEPT, tdoa.reference, *tdoa.receivers])
+        self._limits = np.concatenate([[-np.inf], chi2.isf(false_alarm, np.arange(1, model.size + 1))])
+
+        self.declare_input("measurement", trials, model.size)
+        self.declare_input("platforms", platform_trials, 6 * platforms)
+        if feedback:
+            self.declare_input("prediction", trials, feedback)
+            self.declare_input("prediction_covariance", trials, feedback**2)
+        inputs = {self.input_port_ticket(self.get_input_port(i).get_index()) for i in range(self.num_input_ports())}
+        self._judged = self.declare_cached("judged", ArrivalGate._judge, inputs)
+        ticket = {self.cached_ticket(self._judged)}
+        self.declare_output("measurement", trials, model.size, lambda c: self.cached(c, self._judged)[0], ticket)
+        self.declare_output(
+            "noise_covariance", trials, model.size**2, lambda c: self.cached(c, self._judged)[1], ticket
+        )
+        self.declare_output("excluded", trials, 1, lambda c: self.cached(c, self._judged)[2], ticket)
+
+    def _judge(self, context: Context) -> tuple[Array, Array, Array]:
+        measurement = self.read(context, "measurement")
+        if np.isnan(measurement).all():
+            noise = np.broadcast_to(self._noise[0], (self.trials, *self._noise[0].shape))
+            return measurement, noise, np.full((self.trials, 1), float(KEPT))
+        platforms = self.read(context, "platforms").reshape(-1, self._platforms, 6)
+        case = np.full(self.trials, -1)
+        if self._states:
+            case = self._with_prediction(context, measurement, platforms)
+        if (case < 0).any():
+            case = np.where(case < 0, self._alone(measurement, platforms), case)
+
+        refused = case < 0
+        case = np.where(refused, 0, case)
+        gone = self._dropped[case] | refused[:, None]
+        excluded = np.where(refused, REFUSED, self._receivers[case])
+        return np.where(gone, np.nan, measurement), self._noise[case], excluded[:, None].astype(float)
+
+    def _fix(
+        self, measurement: Array, platforms: Array, starts: Array, prior: tuple[Array, Array] | None = None
+    ) -> SnapshotFix:
+        """Return the fixes of all cases, leading axes (trials, cases)."""
+        rows = np.where(self._dropped, np.nan, measurement[:, None, :])
+        wide = None if prior is None else (prior[0][:, None], prior[1][:, None])
+        return snapshot_fix(rows, platforms[:, None], self.model, self._noise, starts[:, None], wide)
+
+    def _passes(self, fix: SnapshotFix) -> NDArray[np.bool_]:
+        """Return which cases are redundant and consistent, shape (trials, cases)."""
+        dof = fix.dof.astype(int)
+        dof[:, 1] -= 1  # the rows are all there, but what they have in common weighs nothing
+        with np.errstate(invalid="ignore"):
+            return fix.cost <= self._limits[np.maximum(dof, 0)]
+
+    def _with_prediction(self, context: Context, measurement: Array, platforms: Array) -> NDArray[np.intp]:
+        """Return the case that agrees with the prediction; -1 where none does, or there is no prediction."""
+        mean = self.read(context, "prediction")[:, :3]
+        n = self._states
+        covariance = self.read(context, "prediction_covariance").reshape(-1, n, n)[:, :3, :3]
+        fix = self._fix(measurement, platforms, mean[:, None], (mean, covariance))
+        passes = self._passes(fix)
+        best = np.argmin(np.where(passes, fix.cost, np.inf), axis=-1)
+        return np.where(passes[:, 0], 0, np.where(passes.any(axis=-1), best, -1))
+
+    def _alone(self, measurement: Array, platforms: Array) -> NDArray[np.intp]:
+        """Return the one case that is consistent in itself; -1 where none is, or more than one."""
+        height = measurement[:, self._height]
+        starts = starts_around(platforms, np.where(np.isfinite(height), height, 0.0))
+        passes = self._passes(
+            self._fix(measurement, platforms, np.broadcast_to(starts, (self.trials, *starts.shape[1:])))
+        )
+        one = np.count_nonzero(passes, axis=-1) == 1
+        return np.where(passes[:, 0], 0, np.where(one, np.argmax(passes, axis=-1), -1))
