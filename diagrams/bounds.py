@@ -24,7 +24,7 @@ from systems.frames import up
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 
-__all__ = ["BoundSquares", "StudyBounds", "add_bounds", "bound_curves", "bound_squares", "posterior_bound"]
+__all__ = ["QUANTITIES", "BoundSums", "StudyBounds", "add_bounds", "bound_curves", "bound_squares", "posterior_bound"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -140,45 +140,8 @@ def _whitened_rows(
 # --------------------------------------------------------------------------------------------- over trials
 
 
-@dataclass
-class BoundSquares:
-    """Sums over trials of the squared bounds, so that chunks of a study can be added up.
-
-    Attributes
-    ----------
-    position, height, velocity : ndarray, shape (time,)
-        Sum of the trace of the position covariance [m^2], of the variance along the ellipsoid's normal [m^2], and of
-        the trace of the velocity covariance [m^2/s^2]; a state without such components gives NaN.
-    trials : ndarray, shape (time,)
-        How many trials are in the sums; those without a finite bound are not.
-    """
-
-    position: Array
-    height: Array
-    velocity: Array
-    trials: Array
-
-    @classmethod
-    def zeros(cls, epochs: int) -> BoundSquares:
-        """Return empty sums."""
-        return cls(*(np.zeros(epochs) for _ in range(4)))
-
-    def add(self, squares: Array, trials: int) -> None:
-        """Add squares (3, time, trials or 1) of a chunk of `trials`.
-
-        One trial after the other, so that the sum does not depend, to the last bit, on how a study is cut.
-        """
-        each = np.broadcast_to(squares, (*squares.shape[:-1], trials))
-        known = np.isfinite(each[0]) & np.isfinite(each[1])
-        for name, values in zip(("position", "height", "velocity"), each, strict=True):
-            parts = np.concatenate([getattr(self, name)[:, None], np.where(known, values, 0.0)], axis=-1)
-            setattr(self, name, np.cumsum(parts, axis=-1)[:, -1])
-        self.trials = self.trials + np.count_nonzero(known, axis=-1)
-
-    def curves(self) -> dict[str, Array]:
-        """Return ``position`` [m], ``height`` [m] and ``velocity`` [m/s] against time: sqrt of the mean over trials."""
-        count = np.where(self.trials > 0, self.trials, np.nan)
-        return {name: np.sqrt(getattr(self, name) / count) for name in ("position", "height", "velocity")}
+QUANTITIES = ("position", "height", "velocity", "speed", "course")
+"""What is bounded: position [m], height [m], velocity and horizontal speed [m/s], course [deg]."""
 
 
 def bound_squares(covariance: Array, truth: Array) -> Array:
@@ -193,20 +156,65 @@ def bound_squares(covariance: Array, truth: Array) -> Array:
 
     Returns
     -------
-    ndarray, shape (3, ...)
-        Trace of the position part [m^2], variance along the ellipsoid's normal [m^2], trace of the velocity part
-        [m^2/s^2]; NaN for a velocity that is not in the state.
+    ndarray, shape (5, ...)
+        In the order of `QUANTITIES`: trace of the position part [m^2], variance along the ellipsoid's normal [m^2],
+        trace of the velocity part [m^2/s^2], variance of the velocity along the horizontal course [m^2/s^2] and, across
+        it, of the course [deg^2]. NaN for what is not in the state, and for the course of a target at rest. (That the
+        local axes turn with the place, 1e-7 rad/m, is left out of the last two.)
     """
-    place = covariance[..., :3, :3]
-    normal = up(truth[..., :3])
+    place, state = covariance[..., :3, :3], truth[..., :3]
+    normal = up(state)
+    position, height = _trace(place), _variance(place, normal)
+    undefined = np.full(position.shape, np.nan)
+    if covariance.shape[-1] < 6:
+        return np.stack(np.broadcast_arrays(position, height, undefined, undefined, undefined))
+    moving, velocity = covariance[..., 3:6, 3:6], truth[..., 3:6]
+    level = velocity - normal * np.sum(normal * velocity, axis=-1, keepdims=True)
+    speed = np.linalg.norm(level, axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ahead = level / np.where(speed > 0, speed, np.nan)[..., None]
+        turn = np.degrees(np.cross(ahead, normal)) / speed[..., None]
+    parts = position, height, _trace(moving), _variance(moving, ahead), _variance(moving, turn)
+    return np.stack(np.broadcast_arrays(*parts))
+
+
+def _trace(matrix: Array) -> Array:
+    return np.trace(matrix, axis1=-2, axis2=-1)
+
+
+def _variance(covariance: Array, direction: Array) -> Array:
     # not einsum: with three factors its rounding depends on the number of trials
-    height = (normal[..., None, :] @ place @ normal[..., None])[..., 0, 0]
-    position = np.trace(place, axis1=-2, axis2=-1)
-    if covariance.shape[-1] >= 6:
-        velocity = np.trace(covariance[..., 3:6, 3:6], axis1=-2, axis2=-1)
-    else:
-        velocity = np.full(position.shape, np.nan)
-    return np.stack(np.broadcast_arrays(position, height, velocity))
+    return (direction[..., None, :] @ covariance @ direction[..., None])[..., 0, 0]
+
+
+class BoundSums:
+    """Sums over trials of the squared bounds, so that the chunks of a study can be added up.
+
+    Parameters
+    ----------
+    epochs : int
+        How many epochs there are.
+    """
+
+    def __init__(self, epochs: int) -> None:
+        self._sums = np.zeros((len(QUANTITIES), epochs))
+        self._counts = np.zeros((len(QUANTITIES), epochs))
+
+    def add(self, squares: Array, trials: int) -> None:
+        """Add squares (5, time, trials or 1) of a chunk of `trials`; those that are NaN are not counted.
+
+        One trial after the other, so that the sum does not depend, to the last bit, on how a study is cut.
+        """
+        each = np.broadcast_to(squares, (*squares.shape[:-1], trials))
+        known = np.isfinite(each)
+        parts = np.concatenate([self._sums[..., None], np.where(known, each, 0.0)], axis=-1)
+        self._sums = np.cumsum(parts, axis=-1)[..., -1]
+        self._counts += np.count_nonzero(known, axis=-1)
+
+    def curves(self) -> dict[str, Array]:
+        """Return the bounds by name of `QUANTITIES`, each (time,): square root of the mean over the trials."""
+        mean = self._sums / np.where(self._counts > 0, self._counts, np.nan)
+        return dict(zip(QUANTITIES, np.sqrt(mean), strict=True))
 
 
 def bound_curves(covariance: Array, truth: Array) -> dict[str, Array]:
@@ -221,9 +229,9 @@ def bound_curves(covariance: Array, truth: Array) -> dict[str, Array]:
     Returns
     -------
     dict of str to ndarray, shape (time,)
-        ``position`` [m], ``height`` [m], ``velocity`` [m/s].
+        ``position`` [m], ``height`` [m], ``velocity`` [m/s], ``speed`` [m/s], ``course`` [deg].
     """
-    sums = BoundSquares.zeros(covariance.shape[1])
+    sums = BoundSums(covariance.shape[1])
     sums.add(np.moveaxis(bound_squares(covariance, truth), 1, -1), covariance.shape[0])
     return sums.curves()
 
@@ -249,7 +257,7 @@ class StudyBounds:
 
     wired: Wired
     times: Array
-    _sums: dict[tuple[str, str], BoundSquares] = field(default_factory=dict)
+    _sums: dict[tuple[str, str], BoundSums] = field(default_factory=dict)
 
     def add(self, truth: Array, platforms: Array, trials: int | None = None, present: Mask | None = None) -> None:
         """Add a chunk of trials.
@@ -273,7 +281,7 @@ class StudyBounds:
         for name, estimator in self.wired.estimators.items():
             for kind, motion in (("bound", estimator.motion), ("bound_truth", self.wired.truth_motion)):
                 squares = self._squares(name, estimator, motion, truth, platforms, present, done)
-                sums = self._sums.setdefault((name, kind), BoundSquares.zeros(self.times.size))
+                sums = self._sums.setdefault((name, kind), BoundSums(self.times.size))
                 sums.add(squares, count)
 
     def _squares(
@@ -288,7 +296,7 @@ class StudyBounds:
     ) -> Array:
         n = truth.shape[-1]
         if not estimator.motion.size == motion.size == n:
-            return np.full((3, self.times.size, 1), np.nan)
+            return np.full((len(QUANTITIES), self.times.size, 1), np.nan)
         start = self.wired.start_covariance(name, truth[:, 0], platforms[:, 0])
         key = (estimator.model, motion, start)
         for known, squares in done:
@@ -306,7 +314,7 @@ class StudyBounds:
         return squares
 
     def variables(self) -> dict[str, tuple[tuple[str, str], Array]]:
-        """Return the variables (estimator, time) of a study's result, ``bound_position`` ... ``bound_truth_velocity``.
+        """Return the variables (estimator, time) of a study's result, ``bound_position`` ... ``bound_truth_course``.
 
         The estimators are in the diagram's order, the epochs are all of the clock.
         """
@@ -314,7 +322,7 @@ class StudyBounds:
         names = list(self.wired.estimators)
         for kind in ("bound", "bound_truth"):
             curves = [self._sums[name, kind].curves() for name in names]
-            for what in ("position", "height", "velocity"):
+            for what in QUANTITIES:
                 found[f"{kind}_{what}"] = (("estimator", "time"), np.stack([curve[what] for curve in curves]))
         return found
 
@@ -355,7 +363,7 @@ def add_bounds(
     Returns
     -------
     xarray.Dataset
-        With ``bound_position``, ``bound_height``, ``bound_velocity`` and ``bound_truth_...``, (estimator, time).
+        With ``bound_position`` ... and ``bound_truth_position`` ... for all `QUANTITIES`, (estimator, time).
     """
     bounds = StudyBounds(wired, np.asarray(dataset["time"].values, dtype=float))
     bounds.add(truth, platforms, dataset.sizes["trial"], present)

@@ -16,6 +16,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
+from diagrams.bounds import QUANTITIES
 from systems.frames import course_speed, ecef_to_geodetic
 from systems.measurement.phase import wrap
 
@@ -38,8 +39,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-BOUNDS = tuple(f"{kind}_{what}" for kind in ("bound", "bound_truth") for what in ("position", "height", "velocity"))
-"""Names of the bounds that a result may carry, each (estimator, time)."""
+BOUNDS = tuple(f"{kind}_{what}" for kind in ("bound", "bound_truth") for what in QUANTITIES)
+"""Names of the bounds that a result may carry, each (estimator, time); course in degrees, else SI."""
 
 _UNITS = {"position": "m", "velocity": "mps", "height": "m", "speed": "mps", "course": "deg"}
 _AT_REST = 1e-6  # m/s; below it a course means nothing

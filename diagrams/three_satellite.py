@@ -18,7 +18,9 @@ from diagrams.errors import UserError
 from diagrams.system import System, Wired
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
-from systems.estimators.base import Wiring
+from systems.estimators.base import Estimator, Wiring
+from systems.estimators.hypotheses_start import HypothesesStart
+from systems.estimators.hypothesis_bank import HypothesisBank
 from systems.estimators.known_height_start import KnownHeightStart
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.phase_resolver import PhaseResolver
@@ -366,7 +368,8 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     truth = emitter.GetOutputPort("state")
     truth_trials = emitter.output_size("state")[0]
 
-    sensor, stream, resolver = _add_sensor(builder, scenario, clock, trials, truth_trials)
+    resolving = any(not scenario.estimators[name].resolves_phases for name in estimators)
+    sensor, stream, resolver = _add_sensor(builder, scenario, clock, trials, truth_trials, resolving)
     believed = models(scenario, believed=True)
     assumed = builder.AddSystem(
         Sensor(
@@ -382,7 +385,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         builder.Connect(truth, block.GetInputPort("target"))
         builder.Connect(platforms, block.GetInputPort("platforms"))
 
-    measured = sensor.GetOutputPort("measurement")
+    measured = raw = sensor.GetOutputPort("measurement")
     if resolver is not None:
         builder.Connect(measured, resolver.GetInputPort("measurement"))
         builder.Connect(platforms, resolver.GetInputPort("platforms"))
@@ -399,24 +402,31 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         scenario.belief.sigma_satellite_m,
         cast(Method, scenario.belief.start),
     )
-    wiring = Wiring(trials, stream, clock, platforms=3)
-    blocks = {}
+    blocks: dict[str, Estimator] = {}
     for name in estimators:
+        options = scenario.estimators[name]
+        rows = sensor.model.names if options.resolves_phases else stream
         block = builder.AddSystem(
-            scenario.estimators[name].make(
+            options.make(
                 name,
                 _believed_stack(scenario, name),
                 ConstantVelocity(scenario.belief.acceleration_mps2),
                 start,
-                wiring,
+                Wiring(trials, rows, clock, platforms=3),
             )
         )
-        builder.Connect(measured, block.GetInputPort("measurement"))
+        builder.Connect(raw if options.resolves_phases else measured, block.GetInputPort("measurement"))
         builder.Connect(platforms, block.GetInputPort("platforms"))
         builder.Connect(assumed.GetOutputPort("measurement"), block.GetInputPort("assumed_height"))
         blocks[name] = block
 
-    signals = {}
+    signals = {
+        f"{port}_{name}": block.GetOutputPort(port)
+        for name, block in blocks.items()
+        if isinstance(block, HypothesisBank)
+        for port in ("integers", "weights")
+        if port in block.output_names()
+    }
     dashed = []
     if resolver is not None:
         signals["integers"] = resolver.GetOutputPort("integers")
@@ -424,6 +434,11 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
             feedback = blocks[estimators[0]]
             builder.Connect(feedback.GetOutputPort("prediction"), resolver.GetInputPort("prediction"))
             dashed.append((feedback.get_name(), resolver.get_name()))
+
+    def start_covariance(name: str, target: Array, carriers: Array) -> Array:
+        own = blocks[name].start
+        return (own if isinstance(own, HypothesesStart) else start).covariance_at(target, carriers)
+
     return Wired(
         truth=truth,
         platforms=platforms,
@@ -432,7 +447,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         clock=clock,
         duration=scenario.duration_s,
         divergence=scenario.divergence_m,
-        start_covariance=lambda name, target, carriers: start.covariance_at(target, carriers),
+        start_covariance=start_covariance,
         truth_motion=truth_motion,
         start_uses_measurement=start.uses_measurement,
         signals=signals,
@@ -441,9 +456,12 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
 
 
 def _add_sensor(
-    builder: DiagramBuilder, scenario: Scenario, clock: Periodic, trials: int, truth_trials: int
+    builder: DiagramBuilder, scenario: Scenario, clock: Periodic, trials: int, truth_trials: int, resolving: bool
 ) -> tuple[Sensor, list[str], PhaseResolver | None]:
-    """Add the sensor and, for wrapped phases, the resolver; return them and the names of the rows after it."""
+    """Add the sensor and, for wrapped phases, the resolver; return them and the names of the rows after it.
+
+    The resolver is left out where no estimator needs it.
+    """
     real = models(scenario, believed=False)
     phase, tdoa = real["phase"], real["tdoa"]
     assert isinstance(phase, InterferometerPhase) and isinstance(tdoa, Tdoa)
@@ -458,6 +476,8 @@ def _add_sensor(
     if scenario.truth.phase == "unambiguous":
         if chain:
             raise UserError("truth.chain_m: a chain of baselines is for truth.phase wrapped only")
+        return sensor, list(stack.names), None
+    if not resolving:
         return sensor, list(stack.names), None
     resolver = builder.AddSystem(PhaseResolver(stack.names, phase, tdoa, trials, 3, chain))
     return sensor, resolver.stream, resolver

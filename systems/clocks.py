@@ -2,6 +2,9 @@
 
 A clock declares its ticks as Drake events (``declare``) and says which tick an instant is (``index``).
 Irregular ticks are one event per stamp with a period longer than any run, so they fire at exactly the stamp.
+
+Two clocks can mean one instant and differ in the last bit: 3 * 0.1 is not 0.3, and Drake then fires twice. So
+instants are compared by `same_instant`, and what has been used at the one is not used again at the other.
 """
 
 from __future__ import annotations
@@ -14,9 +17,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Clock", "Merged", "Periodic", "Times"]
+__all__ = ["Clock", "Merged", "Periodic", "Times", "same_instant"]
 
 _NEVER_AGAIN = 1e12  # seconds; the period of an event that is meant to fire once
+_ROUNDING = 1e-12  # relative; thousands of rounding errors, and less than light needs for 0.3 mm at 1 s
+
+
+def _slack(time: float) -> float:
+    return _ROUNDING * max(1.0, abs(time))
+
+
+def same_instant(time: float, other: float) -> bool:
+    """Return whether two times [s] differ by no more than rounding."""
+    return abs(time - other) <= _slack(time)
 
 
 class Clock(Protocol):
@@ -29,7 +42,7 @@ class Clock(Protocol):
         """Return the index of the tick at `time` [s], or None between ticks."""
 
     def ticks(self, end: float) -> NDArray[np.float64]:
-        """Return all ticks up to and including `end` [s]."""
+        """Return all ticks up to and including `end` [s]; rounding may put the last one a bit after `end`."""
 
 
 @dataclass(frozen=True)
@@ -61,17 +74,15 @@ class Periodic:
     def index(self, time: float) -> int | None:
         """See `Clock.index`."""
         k = round((time - self.offset) / self.period)
-        if k < 0 or abs(self.offset + k * self.period - time) > 1e-9 * self.period:
-            return None
-        return k
+        return k if k >= 0 and same_instant(time, self.offset + k * self.period) else None
 
     def ticks(self, end: float) -> NDArray[np.float64]:
         """See `Clock.ticks`."""
-        count = math.floor((end - self.offset) / self.period * (1 + 1e-12) + 1e-9) + 1
-        return self.offset + self.period * np.arange(max(count, 0))
+        count = math.floor((end + _slack(end) - self.offset) / self.period) + 1
+        return self.offset + self.period * np.arange(max(count, 0), dtype=np.float64)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Times:
     """Ticks at given stamps.
 
@@ -83,7 +94,7 @@ class Times:
     """
 
     stamps: ArrayLike
-    _stamps: NDArray[np.float64] = field(init=False, repr=False, compare=False)
+    _stamps: NDArray[np.float64] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -92,8 +103,9 @@ class Times:
             raise ValueError("clock stamps: a one-dimensional array with at least one stamp is needed")
         if not np.all(np.isfinite(stamps)) or stamps[0] < 0:
             raise ValueError("clock stamps: all must be finite and >= 0 s")
-        if np.any(np.diff(stamps) <= 0):
-            at = int(np.argmax(np.diff(stamps) <= 0))
+        close = np.diff(stamps) <= 2 * _ROUNDING * np.maximum(1.0, stamps[1:])
+        if np.any(close):
+            at = int(np.argmax(close))
             raise ValueError(
                 f"clock stamps: they must increase strictly, but stamp {at + 1} is {stamps[at + 1]} after {stamps[at]}"
             )
@@ -106,20 +118,36 @@ class Times:
             how(_NEVER_AGAIN, float(stamp))
 
     def index(self, time: float) -> int | None:
-        """See `Clock.index`; the stamp must be met exactly, which Drake's events do."""
-        k = int(np.searchsorted(self._stamps, time))
-        return k if k < self._stamps.size and self._stamps[k] == time else None
+        """See `Clock.index`."""
+        return _find(self._stamps, time)
 
     def ticks(self, end: float) -> NDArray[np.float64]:
         """See `Clock.ticks`."""
-        return self._stamps[self._stamps <= end]
+        return self._stamps[self._stamps <= end + _slack(end)]
 
 
-@dataclass(frozen=True)
+def _find(ticks: NDArray[np.float64], time: float) -> int | None:
+    k = int(np.searchsorted(ticks, time - _slack(time)))
+    return k if k < ticks.size and same_instant(time, float(ticks[k])) else None
+
+
+@dataclass(frozen=True, eq=False)
 class Merged:
-    """The ticks of several clocks together: what a block uses that reads sensors of different rates."""
+    """The ticks of several clocks together: what a block uses that reads sensors of different rates.
+
+    Parameters
+    ----------
+    clocks : sequence of Clock
+        At least one. Where two tick at the same instant, up to rounding, it is one tick.
+    """
 
     clocks: Sequence[Clock]
+    _known: dict[str, NDArray[np.float64]] = field(init=False, repr=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        if not self.clocks:
+            raise ValueError("merged clocks: none is given; at least one is needed")
 
     def declare(self, how: Callable[[float, float], None]) -> None:
         """See `Clock.declare`."""
@@ -127,11 +155,17 @@ class Merged:
             clock.declare(how)
 
     def index(self, time: float) -> int | None:
-        """Return the number of ticks before `time`, or None where no clock ticks."""
+        """See `Clock.index`."""
         if all(clock.index(time) is None for clock in self.clocks):
             return None
-        return int(np.count_nonzero(self.ticks(time) < time))
+        known = self._known.get("ticks")
+        if known is None or known[-1] <= time:
+            # Twice as far as asked for, so that a long run lists its ticks a few times and not at every tick.
+            known = self._known["ticks"] = self.ticks(2 * time + 1.0)
+        return _find(known, time)
 
     def ticks(self, end: float) -> NDArray[np.float64]:
-        """See `Clock.ticks`; ticks that coincide are counted once."""
-        return np.unique(np.concatenate([clock.ticks(end) for clock in self.clocks]))
+        """See `Clock.ticks`."""
+        ticks = np.sort(np.concatenate([clock.ticks(end) for clock in self.clocks]))
+        new = np.diff(ticks, prepend=-np.inf) > _ROUNDING * np.maximum(1.0, ticks)
+        return ticks[new]

@@ -18,8 +18,6 @@ and receiver 0 by a huge S; the estimator takes R from the port.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from systems.estimators.start import Start
 from systems.filters.hypotheses import mixture
-from systems.fixes.integer_hypotheses import IntegerHypotheses, integer_hypotheses
+from systems.fixes.integer_hypotheses import IntegerHypotheses, integer_covariance, integer_hypotheses
 from systems.measurement.base import MeasurementModel, positive
 from systems.measurement.tdoa import Tdoa
 
@@ -97,3 +97,12 @@ class HypothesesStart(Start):
         """See `Start.begin`: mean and covariance of the mixture."""
         found = self.hypotheses(measurement, platforms, inputs)
         return mixture(*self.states(found), found.weight)
+
+    def covariance_at(self, target: Array, platforms: Array) -> Array:
+        """Return the covariance of the right hypothesis for a target at `target`, shape (..., 6, 6)."""
+        covariance = np.zeros((*target.shape[:-1], 6, 6))
+        covariance[..., :3, :3] = integer_covariance(
+            self._tdoa, self._phases, target, platforms, self._sigma_height, self._sigma_satellite
+        )
+        covariance[..., 3:, 3:] = self._sigma_velocity**2 * np.eye(3)
+        return covariance

@@ -1,6 +1,7 @@
 """The iterated extended Kalman filter, once per hypothesis about the phase integers, as an estimator."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from systems.documented import count, number
 from systems.estimators.base import Estimator, Wiring
@@ -24,6 +25,8 @@ class IekfHypotheses(EstimatorOptions):
     It resolves wrapped phases itself. Without phases, or with another start than two TDOAs and an assumed height,
     there is one hypothesis: the plain filter.
     """
+
+    resolves_phases: ClassVar[bool] = True
 
     max_iterations: int = count("at most so many linearisations per update; 1 is the EKF", 10)
     tolerance: float = number("stop rule ||x_{j+1} - x_j|| <= tolerance, SI units mixed", 1e-2, above=0)

@@ -3,6 +3,7 @@
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 from systems.documented import documented
 from systems.estimators.base import Estimator, Wiring
@@ -15,7 +16,15 @@ __all__ = ["EstimatorOptions"]
 
 @dataclass
 class EstimatorOptions(ABC):
-    """Options of an estimator as a user writes them; the class name is the YAML tag."""
+    """Options of an estimator as a user writes them; the class name is the YAML tag.
+
+    Attributes
+    ----------
+    resolves_phases : bool
+        True where the estimator takes wrapped phases as they come and needs no resolver before it.
+    """
+
+    resolves_phases: ClassVar[bool] = False
 
     measurements: list[str] = documented(
         "kinds of measurement that it uses, such as [tdoa, fdoa, phase_a]; empty: all", factory=list

@@ -15,6 +15,8 @@ __all__ = ["SnapshotStart"]
 
 Array = NDArray[np.float64]
 
+_NOISE = "start_noise_covariance"
+
 
 class SnapshotStart(Start):
     """Position and its covariance from `snapshot_fix`, velocity zero with a wide spread.
@@ -32,7 +34,8 @@ class SnapshotStart(Start):
     height : str or float
         Height at which the search begins: the name of a row that measures it, or a value [m].
     noise_port : bool
-        True where R comes with the measurement on the estimator's port ``noise_covariance``.
+        True where R comes with the measurement: the estimator then gets a port ``start_noise_covariance``, which
+        is to be connected to the same output as its ``noise_covariance``.
 
     Raises
     ------
@@ -65,7 +68,7 @@ class SnapshotStart(Start):
     @property
     def inputs(self) -> Mapping[str, int]:
         """See `Start`."""
-        return {"noise_covariance": self._width**2} if self._noise_port else {}
+        return {_NOISE: self._width**2} if self._noise_port else {}
 
     def begin(self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
         """See `Start.begin`."""
@@ -76,7 +79,7 @@ class SnapshotStart(Start):
             return mean, covariance
         noise = self._model.noise_covariance()
         if self._noise_port:
-            noise = inputs["noise_covariance"].reshape(trials, self._width, self._width)
+            noise = inputs[_NOISE].reshape(trials, self._width, self._width)
             noise = noise[:, self._rows][:, :, self._rows]
         height = np.full(trials, self._height)
         if self._height_row is not None:

@@ -11,17 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from systems.filters.whitening import Whitener
 from systems.fixes.delay_curve import delay_curve
 from systems.frames import ecef_to_geodetic
 from systems.measurement.altitude import Altitude
-from systems.measurement.base import MeasurementModel
+from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
 from systems.measurement.phase import wrap
 from systems.measurement.stack import Stack
 
-__all__ = ["IntegerHypotheses", "integer_hypotheses"]
+__all__ = ["IntegerHypotheses", "integer_covariance", "integer_hypotheses"]
 
 Array = NDArray[np.float64]
 
@@ -105,12 +104,7 @@ def integer_hypotheses(
         _SPACING,
     )
     integers, start = _met(phases, wrapped, points, platforms, height, sigma_height, count)
-    stack = Stack([delays, phases, Altitude(sigma_height)])
-    noise = block_diag(
-        delays.noise_covariance() + (sigma_range / 299792458.0) ** 2 * (np.eye(2) + np.ones((2, 2))),
-        phases.noise_covariance(),
-        [[sigma_height**2]],
-    )
+    stack, whitener = _together(delays, phases, sigma_height, sigma_range)
     trials = wrapped.shape[0]
     measured = np.concatenate(
         [
@@ -120,13 +114,41 @@ def integer_hypotheses(
         ],
         axis=-1,
     )
-    position, covariance, cost = _least_squares(stack, Whitener(noise), measured, platforms[:, None], start)
+    position, covariance, cost = _least_squares(stack, whitener, measured, platforms[:, None], start)
     log_weight = 0.5 * (np.linalg.slogdet(covariance)[1] - cost)
     log_weight = np.where(np.isfinite(log_weight), log_weight, -np.inf)
     best = log_weight.max(axis=-1, keepdims=True)
     weight = np.where(np.isfinite(best), np.exp(log_weight - np.where(np.isfinite(best), best, 0.0)), 0.0)
     total = weight.sum(axis=-1, keepdims=True)
     return IntegerHypotheses(position, covariance, weight / np.where(total > 0, total, 1.0), integers)
+
+
+def integer_covariance(
+    delays: MeasurementModel,
+    phases: MeasurementModel,
+    target: Array,
+    platforms: Array,
+    sigma_height: float,
+    sigma_range: float = 0.0,
+) -> Array:
+    """Return the covariance of the position (..., 3, 3) at `target` (..., 6), the integers being right.
+
+    The other arguments are those of `integer_hypotheses`. NaN where the target is NaN.
+    """
+    stack, whitener = _together(delays, phases, sigma_height, sigma_range)
+    rows = whitener.matrix(None) @ stack.jacobian(target, platforms)[..., :3]
+    finite = np.isfinite(rows).all(axis=(-1, -2))[..., None, None]
+    return np.where(finite, np.linalg.inv(np.where(finite, np.swapaxes(rows, -1, -2) @ rows, np.eye(3))), np.nan)
+
+
+def _together(
+    delays: MeasurementModel, phases: MeasurementModel, sigma_height: float, sigma_range: float
+) -> tuple[Stack, Whitener]:
+    """Return delays, phases and height as one measurement, and its noise."""
+    stack = Stack([delays, phases, Altitude(sigma_height)])
+    noise = stack.noise_covariance()
+    noise[:2, :2] += (sigma_range / SPEED_OF_LIGHT) ** 2 * (np.eye(2) + np.ones((2, 2)))
+    return stack, Whitener(noise)
 
 
 def _met(

@@ -20,7 +20,7 @@ from systems.filters.whitening import Whitener
 from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 from systems.measurement.base import MeasurementModel
 
-__all__ = ["SnapshotFix", "starts_around", "snapshot_fix"]
+__all__ = ["SnapshotFix", "snapshot_fix", "starts_around"]
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from diagrams.catalogue import load_scenario, system
 from diagrams.three_satellite import satellite_states, target_state
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.whitening import Whitener
-from systems.frames import geodetic_state, inertial_to_earth_fixed, up
+from systems.frames import course_speed, geodetic_state, inertial_to_earth_fixed, up
 from systems.measurement.base import MeasurementModel
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.phase import InterferometerPhase
@@ -178,6 +178,32 @@ def test_curves_average_the_covariance_not_the_information():
     np.testing.assert_allclose(curves["height"], height, rtol=1e-12)
     velocity = np.sqrt(np.mean(np.trace(found[..., 3:, 3:], axis1=-2, axis2=-1), axis=0))
     np.testing.assert_allclose(curves["velocity"], velocity, rtol=1e-12)
+
+
+def test_speed_and_course_bounds_are_the_spread_of_small_errors():
+    times, truth, _ = passing(1, epochs=2)
+    rng = np.random.default_rng(6)
+    root = np.diag([1.0] * 3 + [0.3] * 3) + 0.1 * np.tril(rng.standard_normal((6, 6)))
+    covariance = np.broadcast_to(root @ root.T, (1, 2, 6, 6))
+    curves = bound_curves(covariance, truth)
+    draws = truth[0, 0] + np.einsum("ij,tj->ti", root, rng.standard_normal((20_000, 6)))
+    course, speed, _ = course_speed(draws[:, :3], draws[:, 3:])
+    # 20 000 draws know a standard deviation to 0.5 %; 4 of them
+    assert np.std(speed) == pytest.approx(curves["speed"][0], rel=0.02)
+    assert np.degrees(np.std(course)) == pytest.approx(curves["course"][0], rel=0.02)
+
+
+def test_a_target_at_rest_has_no_course_and_hides_no_other_trial():
+    times, truth, platforms = passing(3, epochs=3, acceleration=0.5)
+    start = np.diag([3e3**2] * 3 + [400.0**2] * 3)
+    found = posterior_bound(truth, platforms, times, six_rows(), ConstantVelocity(0.5), start, True)
+    still = truth.copy()
+    still[1, :, 3:] = 0
+    curves, whole = bound_curves(found, still), bound_curves(found, truth)
+    np.testing.assert_array_equal(curves["position"], whole["position"])
+    expected = bound_curves(found[[0, 2]], truth[[0, 2]])
+    for name in ("speed", "course"):
+        np.testing.assert_allclose(curves[name], expected[name], rtol=1e-12)
 
 
 def test_a_trial_alone_equals_the_same_trial_among_others():
