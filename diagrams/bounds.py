@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from diagrams.metrics import QUANTITIES
 from diagrams.system import Wired
 from systems.estimators.base import Estimator
 from systems.filters.linear_algebra import cholesky, symmetric
@@ -24,7 +25,7 @@ from systems.frames import up
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 
-__all__ = ["QUANTITIES", "BoundSums", "StudyBounds", "add_bounds", "bound_curves", "bound_squares", "posterior_bound"]
+__all__ = ["BoundSums", "StudyBounds", "add_bounds", "bound_curves", "bound_squares", "bound_steps", "posterior_bound"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -72,11 +73,11 @@ def posterior_bound(
     ndarray, shape (trials, time, n, n)
         Covariances: the bound after the measurement of the epoch; NaN in a trial that cannot be computed.
     """
-    steps = _recursion(truth, platforms, times, model, motion, start_covariance, first_epoch_used, present)
+    steps = bound_steps(truth, platforms, times, model, motion, start_covariance, first_epoch_used, present)
     return np.stack(list(steps), axis=1)
 
 
-def _recursion(
+def bound_steps(
     truth: Array,
     platforms: Array,
     times: ArrayLike,
@@ -84,8 +85,9 @@ def _recursion(
     motion: MotionModel,
     start_covariance: Array,
     first_epoch_used: bool,
-    present: Mask | None,
+    present: Mask | None = None,
 ) -> Iterator[Array]:
+    """Yield the bound (trials, n, n) of one epoch after the other; see `posterior_bound`."""
     t = np.asarray(times, dtype=float)
     start = np.asarray(start_covariance, dtype=float)
     start = start if start.ndim == 3 else start[None]
@@ -140,10 +142,6 @@ def _whitened_rows(
 # --------------------------------------------------------------------------------------------- over trials
 
 
-QUANTITIES = ("position", "height", "velocity", "speed", "course")
-"""What is bounded: position [m], height [m], velocity and horizontal speed [m/s], course [deg]."""
-
-
 def bound_squares(covariance: Array, truth: Array) -> Array:
     """Return the squared bounds of every trial.
 
@@ -157,10 +155,10 @@ def bound_squares(covariance: Array, truth: Array) -> Array:
     Returns
     -------
     ndarray, shape (5, ...)
-        In the order of `QUANTITIES`: trace of the position part [m^2], variance along the ellipsoid's normal [m^2],
-        trace of the velocity part [m^2/s^2], variance of the velocity along the horizontal course [m^2/s^2] and, across
-        it, of the course [deg^2]. NaN for what is not in the state, and for the course of a target at rest. (That the
-        local axes turn with the place, 1e-7 rad/m, is left out of the last two.)
+        In the order of `diagrams.metrics.QUANTITIES`: trace of the position part [m^2], variance along the
+        ellipsoid's normal [m^2], trace of the velocity part [m^2/s^2], variance of the velocity along the horizontal
+        course [m^2/s^2] and, across it, of the course [deg^2]. NaN for what is not in the state, and for the course
+        of a target at rest. (That the local axes turn with the place, 1e-7 rad/m, is left out of the last two.)
     """
     place, state = covariance[..., :3, :3], truth[..., :3]
     normal = up(state)
@@ -212,7 +210,7 @@ class BoundSums:
         self._counts += np.count_nonzero(known, axis=-1)
 
     def curves(self) -> dict[str, Array]:
-        """Return the bounds by name of `QUANTITIES`, each (time,): square root of the mean over the trials."""
+        """Return the bounds by quantity, each (time,): square root of the mean over the trials."""
         mean = self._sums / np.where(self._counts > 0, self._counts, np.nan)
         return dict(zip(QUANTITIES, np.sqrt(mean), strict=True))
 
@@ -306,7 +304,7 @@ class StudyBounds:
         if present is not None:
             stream = list(estimator.wiring.stream)
             seen = present[..., [stream.index(row) for row in estimator.model.names]]
-        steps = _recursion(
+        steps = bound_steps(
             truth, platforms, self.times, estimator.model, motion, start, self.wired.start_uses_measurement, seen
         )
         squares = np.stack([bound_squares(p, truth[:, k]) for k, p in enumerate(steps)], axis=1)
@@ -363,7 +361,7 @@ def add_bounds(
     Returns
     -------
     xarray.Dataset
-        With ``bound_position`` ... and ``bound_truth_position`` ... for all `QUANTITIES`, (estimator, time).
+        With ``bound_position`` ... and ``bound_truth_position`` ... (estimator, time), for all quantities.
     """
     bounds = StudyBounds(wired, np.asarray(dataset["time"].values, dtype=float))
     bounds.add(truth, platforms, dataset.sizes["trial"], present)

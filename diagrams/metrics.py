@@ -16,12 +16,12 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
-from diagrams.bounds import QUANTITIES
 from systems.frames import course_speed, ecef_to_geodetic
 from systems.measurement.phase import wrap
 
 __all__ = [
     "BOUNDS",
+    "QUANTITIES",
     "armse",
     "axis_errors",
     "bias_and_spread",
@@ -39,10 +39,13 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-BOUNDS = tuple(f"{kind}_{what}" for kind in ("bound", "bound_truth") for what in QUANTITIES)
-"""Names of the bounds that a result may carry, each (estimator, time); course in degrees, else SI."""
+QUANTITIES = ("position", "height", "velocity", "speed", "course")
+"""What errors and bounds are about: position and height [m], velocity and horizontal speed [m/s], course [deg]."""
 
-_UNITS = {"position": "m", "velocity": "mps", "height": "m", "speed": "mps", "course": "deg"}
+BOUNDS = tuple(f"{kind}_{what}" for kind in ("bound", "bound_truth") for what in QUANTITIES)
+"""Names of the bounds that a result may carry, each (estimator, time), in the units of `QUANTITIES`."""
+
+_UNITS = dict(zip(QUANTITIES, ("m", "m", "mps", "mps", "deg"), strict=True))
 _AT_REST = 1e-6  # m/s; below it a course means nothing
 _HUGE = 1e150  # stands for infinity while percentiles are interpolated; its square is still finite
 

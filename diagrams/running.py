@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from diagrams.catalogue import load_scenario, split_name
@@ -98,9 +99,9 @@ def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
     )
     table.add_column("estimator", no_wrap=True)
     for i in picks:
-        table.add_column(f"{times[i]:g} s [m]", justify="right")
+        table.add_column(escape(f"{times[i]:g} s [m]"), justify="right")
     for title in ("bound [m]", "height [m]", "velocity [m/s]", "NEES", "diverged"):
-        table.add_column(title, justify="right")
+        table.add_column(escape(title), justify="right")
     for name, row in estimators.items():
         table.add_row(
             name,

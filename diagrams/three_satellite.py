@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Union, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.errors import UserError
@@ -43,7 +43,7 @@ from systems.plants.orbit import DenseOrbit
 from systems.registry import estimator_options
 from systems.sensors.sensor import Sensor
 
-__all__ = ["SYSTEM", "Scenario", "models", "satellite_states", "target_state"]
+__all__ = ["SYSTEM", "Scenario", "models", "satellite_orbit", "satellite_states", "target_state", "track_axes"]
 
 Array = NDArray[np.float64]
 
@@ -248,27 +248,49 @@ def satellite_states(scenario: Scenario) -> Array:
     return np.array(states)
 
 
-def target_state(scenario: Scenario, orbit: DenseOrbit) -> Array:
-    """Return the target's Earth-fixed state at t = 0, shape (6,).
+def satellite_orbit(scenario: Scenario) -> DenseOrbit:
+    """Return the block of the satellites."""
+    constants = _constants(scenario)
+    return DenseOrbit(
+        satellite_states(scenario), scenario.duration_s, constants=constants, j2=constants.j2 != 0, name="satellites"
+    )
 
-    The place is counted from the sub-satellite point of satellite 0 at half the duration, along its ground track
-    (Earth-fixed velocity) and to the right of it, on a sphere through that point.
+
+def track_axes(scenario: Scenario, orbit: DenseOrbit) -> Array:
+    """Return the axes that places of the target are counted in, shape (3, 3), Earth-fixed.
+
+    Rows: along the ground track of satellite 0 (Earth-fixed velocity) at half the duration, to the right of it, up.
     """
-    truth = scenario.truth
     middle = scenario.duration_s / 2
     state = inertial_to_earth_fixed(orbit.at(middle)[0], middle, scenario.constants.earth_rate_radps)
     up_ = state[:3] / np.linalg.norm(state[:3])
     forward = state[3:] - up_ * (up_ @ state[3:])
     forward /= np.linalg.norm(forward)
-    right = np.cross(forward, up_)
-    radius = scenario.constants.earth_radius_m
-    along, cross = truth.along_km * _KM / radius, truth.cross_km * _KM / radius
-    ahead = math.cos(along) * up_ + math.sin(along) * forward
-    place = math.cos(cross) * ahead + math.sin(cross) * right
-    latitude, longitude, _ = ecef_to_geodetic(radius * place)
-    return geodetic_state(
-        latitude, longitude, truth.height_km * _KM, math.radians(truth.course_deg), truth.speed_mps
-    ).reshape(6)
+    return np.stack([forward, np.cross(forward, up_), up_])
+
+
+def target_state(
+    scenario: Scenario, orbit: DenseOrbit, along_km: ArrayLike | None = None, cross_km: ArrayLike | None = None
+) -> Array:
+    """Return the target's Earth-fixed state at t = 0, shape (..., 6).
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Height, speed and course, and the place if it is not given.
+    orbit : DenseOrbit
+        The satellites.
+    along_km, cross_km : array_like, shape (...), optional
+        Place [km], counted from the sub-satellite point of satellite 0 along and to the right of its track (see
+        `track_axes`), on a sphere through that point.
+    """
+    truth, radius = scenario.truth, scenario.constants.earth_radius_m
+    forward, right, up_ = track_axes(scenario, orbit)
+    along = np.asarray(truth.along_km if along_km is None else along_km)[..., None] * _KM / radius
+    cross = np.asarray(truth.cross_km if cross_km is None else cross_km)[..., None] * _KM / radius
+    ahead = np.cos(along) * up_ + np.sin(along) * forward
+    latitude, longitude, _ = ecef_to_geodetic(radius * (np.cos(cross) * ahead + np.sin(cross) * right))
+    return geodetic_state(latitude, longitude, truth.height_km * _KM, math.radians(truth.course_deg), truth.speed_mps)
 
 
 # -------------------------------------------------------------------------------------------------- models
@@ -340,16 +362,7 @@ def _believed_stack(scenario: Scenario, name: str) -> MeasurementModel:
 
 def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str], trials: int) -> Wired:
     """Put truth, sensor, start, resolver and estimators into a diagram; see `diagrams.system.System`."""
-    constants = _constants(scenario)
-    orbit = builder.AddSystem(
-        DenseOrbit(
-            satellite_states(scenario),
-            scenario.duration_s,
-            constants=constants,
-            j2=constants.j2 != 0,
-            name="satellites",
-        )
-    )
+    orbit = builder.AddSystem(satellite_orbit(scenario))
     platforms = orbit.GetOutputPort("state")
     clock = Periodic(scenario.period_s)
     start_state = target_state(scenario, orbit)

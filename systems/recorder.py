@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, ValueProducer
 
-from systems.clocks import Clock
+from systems.clocks import Clock, same_instant
 from systems.signals import EnsembleBlock
 
 __all__ = ["Log", "Recorder", "record"]
@@ -65,7 +65,7 @@ class Recorder(EnsembleBlock):
     def _publish(self, context: Context) -> None:
         log = self._mutable_log(context)["log"]
         time = context.get_time()
-        if log.times and log.times[-1] == time:  # two merged clocks ticked together
+        if log.times and same_instant(time, log.times[-1]):  # two merged clocks ticked together
             return
         log.times.append(time)
         for signal, values in log.values.items():

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
-from systems.clocks import Clock
+from systems.clocks import Clock, same_instant
 from systems.estimators.start import Start
+from systems.filters.whitening import unknown_rows
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 from systems.signals import Draw, EnsembleBlock, check_trials
@@ -26,6 +27,7 @@ from systems.signals import Draw, EnsembleBlock, check_trials
 __all__ = ["Epoch", "Estimator", "Innovation", "Memory", "Wiring"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Memory = dict[str, Array]
 
 
@@ -117,9 +119,9 @@ class Estimator(EnsembleBlock):
         self.motion = motion
         self.start = start
         self.wiring = wiring
-        self._rows = [list(wiring.stream).index(row) for row in model.names]
-        if self._rows == list(range(len(wiring.stream))):
-            self._rows = slice(None)  # a view instead of a copy
+        rows = [list(wiring.stream).index(row) for row in model.names]
+        # a view instead of a copy where all rows are used as they come
+        self._rows: list[int] | slice = slice(None) if rows == list(range(len(wiring.stream))) else rows
         self._declare_ports()
 
     # ---- what a subclass provides
@@ -134,13 +136,13 @@ class Estimator(EnsembleBlock):
 
     def first(
         self, measurement: Array, platforms: Array, inputs: Mapping[str, Array], epoch: Epoch
-    ) -> tuple[Memory, NDArray[np.bool_]]:
+    ) -> tuple[Memory, Mask]:
         """Return the memory of the first belief and which trials have one (trials,); arguments as in `Start.begin`.
 
         A subclass overrides this where one Gaussian per trial cannot say what the start knows.
         """
         mean, covariance = self.start.begin(measurement, platforms, inputs)
-        return self.begin(mean, covariance, epoch), np.isfinite(mean).all(axis=-1)
+        return self.begin(mean, covariance, epoch), np.all(np.isfinite(mean), axis=-1)
 
     @abstractmethod
     def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
@@ -155,7 +157,11 @@ class Estimator(EnsembleBlock):
         noise_covariance: Array | None,
         epoch: Epoch,
     ) -> tuple[Memory, Innovation]:
-        """Return the memory given a measurement, and the innovation."""
+        """Return the memory given a measurement, and the innovation.
+
+        A row that is NaN is left out in its trial; `noise_covariance` (trials, m, m), where there is one, may be NaN
+        in such a row. A trial whose memory is NaN has not started, or is lost: it stays so.
+        """
 
     @abstractmethod
     def moments(self, memory: Memory) -> tuple[Array, Array]:
@@ -211,8 +217,9 @@ class Estimator(EnsembleBlock):
         self.declare_output(
             "prediction_covariance", trials, n * n, lambda c: self.cached(c, self._prior_moments)[1], before
         )
-        for i, (port, size) in enumerate((("innovation", m), ("nis", 1), ("nis_dof", 1))):
-            self.declare_output(port, trials, size, lambda c, i=i: self.cached(c, self._posterior)[1][i], update)
+        self.declare_output("innovation", trials, m, lambda c: self.cached(c, self._posterior)[1].value, update)
+        self.declare_output("nis", trials, 1, lambda c: self.cached(c, self._posterior)[1].nis, update)
+        self.declare_output("nis_dof", trials, 1, lambda c: self.cached(c, self._posterior)[1].nis_dof, update)
 
         wiring.clock.declare(
             lambda period, offset: self.DeclarePeriodicDiscreteUpdateEvent(period, offset, self._store)
@@ -229,71 +236,68 @@ class Estimator(EnsembleBlock):
 
     def _calc_prior(self, context: Context) -> Memory:
         memory = {group: self._group(context, group) for group in self.memory_sizes()}
-        dt = context.get_time() - float(context.get_discrete_state(self._stamp).value()[0])
-        return self.move(memory, dt, self._epoch(context)) if dt > 0 else memory
+        now, stamp = context.get_time(), float(context.get_discrete_state(self._stamp).value()[0])
+        if now <= stamp or same_instant(now, stamp):
+            return memory
+        return self.move(memory, now - stamp, self._epoch(context))
 
-    def _inputs_of_start(self, context: Context) -> dict[str, Array]:
-        return {port: self.read(context, port) for port in self.start.inputs}
+    def _first(self, context: Context, stream: Array) -> tuple[Memory, Mask]:
+        inputs = {port: self.read(context, port) for port in self.start.inputs}
+        return self.first(stream, self._read_platforms(context), inputs, self._epoch(context))
 
     def _read_platforms(self, context: Context) -> Array:
         return self.read(context, "platforms").reshape(-1, self.wiring.platforms, 6)
 
-    def _calc_posterior(self, context: Context) -> tuple[Memory, Innovation, Array]:
+    def _read_noise(self, context: Context) -> Array | None:
+        if not self.wiring.noise_port:
+            return None
+        width = len(self.wiring.stream)
+        noise = self.read(context, "noise_covariance").reshape(-1, width, width)
+        return noise[:, self._rows][:, :, self._rows]
+
+    def _nothing(self) -> Innovation:
+        """Return the innovation of an instant without a measurement."""
+        trials = self.wiring.trials
+        return Innovation(np.full((trials, self.model.size), np.nan), np.full(trials, np.nan), np.zeros(trials))
+
+    def _calc_posterior(self, context: Context) -> tuple[Memory, Innovation, Mask]:
         """Return memory, innovation and which trials have started, after the measurement of now."""
-        prior = self.cached(context, self._prior)
+        memory: Memory = self.cached(context, self._prior)
         started = self._group(context, "started")[:, 0] > 0
-        time, used = context.get_discrete_state(self._stamp).value()
-        if used and time == context.get_time():
-            stored = (self._group(context, group) for group in ("innovation", "nis", "nis_dof"))
-            value, nis, dof = stored
-            return prior, Innovation(value, nis[:, 0], dof[:, 0]), started
+        stamp, used = context.get_discrete_state(self._stamp).value()
+        if used and same_instant(context.get_time(), stamp):
+            value, nis, dof = (self._group(context, group) for group in ("innovation", "nis", "nis_dof"))
+            return memory, Innovation(value, nis[:, 0], dof[:, 0]), started
         stream = self.read(context, "measurement")
         measurement = stream[:, self._rows]
-        trials, m = measurement.shape
-        if started.any() and not np.isnan(measurement).all():
-            noise = None
-            if self.wiring.noise_port:
-                width = len(self.wiring.stream)
-                noise = self.read(context, "noise_covariance").reshape(trials, width, width)
-                noise = noise[:, self._rows][:, :, self._rows]
-            platforms = self._read_platforms(context)
-            memory, innovation = self.correct(prior, measurement, platforms, noise, self._epoch(context))
-        else:
-            memory = prior
-            innovation = Innovation(np.full((trials, m), np.nan), np.full(trials, np.nan), np.zeros(trials))
         if not started.all():
-            memory, innovation, started = self._begin_late(context, memory, innovation, started, stream)
+            memory, new = self._begin_late(context, memory, started, stream)
+            started = started | new
+            if self.start.uses_measurement:
+                measurement = np.where(new[:, None], np.nan, measurement)
+        if not started.any() or np.isnan(measurement).all():
+            return memory, self._nothing(), started
+        noise = self._read_noise(context)
+        if noise is not None and (unknown := unknown_rows(noise)).any():
+            measurement = np.where(unknown, np.nan, measurement)
+        platforms = self._read_platforms(context)
+        memory, innovation = self.correct(memory, measurement, platforms, noise, self._epoch(context))
         return memory, innovation, started
 
-    def _begin_late(
-        self,
-        context: Context,
-        memory: Memory,
-        innovation: Innovation,
-        started: NDArray[np.bool_],
-        stream: Array,
-    ) -> tuple[Memory, Innovation, NDArray[np.bool_]]:
-        """Start the trials that could not start before, and leave the others alone."""
-        begun, able = self.first(
-            stream, self._read_platforms(context), self._inputs_of_start(context), self._epoch(context)
-        )
+    def _begin_late(self, context: Context, memory: Memory, started: Mask, stream: Array) -> tuple[Memory, Mask]:
+        """Start the trials that could not start before, leave the others alone; return which have started now."""
+        begun, able = self._first(context, stream)
         new = ~started & able
-        if not new.any():
-            return memory, innovation, started
-        memory = {group: np.where(new[:, None], begun[group], memory[group]) for group in memory}
-        fresh = Innovation(
-            np.where(new[:, None], np.nan, innovation.value),
-            np.where(new, np.nan, innovation.nis),
-            np.where(new, 0.0, innovation.nis_dof),
-        )
-        return memory, fresh, started | new
+        if new.any():
+            memory = {group: np.where(new[:, None], begun[group], memory[group]) for group in memory}
+        return memory, new
 
     def _write(
         self,
         discrete: DiscreteValues,
         memory: Memory,
         innovation: Innovation,
-        started: NDArray[np.bool_],
+        started: Mask,
         time: float,
         used: bool,
     ) -> None:
@@ -310,16 +314,8 @@ class Estimator(EnsembleBlock):
 
     def _initialize(self, context: Context, discrete: DiscreteValues) -> None:
         """Start at the first instant; a start made from a measurement has then used that measurement."""
-        time = context.get_time()
-        trials = self.wiring.trials
-        memory, started = self.first(
-            self.read(context, "measurement"),
-            self._read_platforms(context),
-            self._inputs_of_start(context),
-            self._epoch(context),
-        )
-        nothing = Innovation(np.full((trials, self.model.size), np.nan), np.full(trials, np.nan), np.zeros(trials))
-        self._write(discrete, memory, nothing, started, time, self.start.uses_measurement)
+        memory, started = self._first(context, self.read(context, "measurement"))
+        self._write(discrete, memory, self._nothing(), started, context.get_time(), self.start.uses_measurement)
 
     def _store(self, context: Context, discrete: DiscreteValues) -> None:
         memory, innovation, started = self.cached(context, self._posterior)

@@ -49,7 +49,7 @@ class HypothesesStart(Start):
         sigma_height: float,
         sigma_velocity: float,
         sigma_satellite: float = 0.0,
-        count: int = 16,
+        count: int = 24,
     ) -> None:
         if tdoa.size != 2:
             raise ValueError(f"integer hypotheses need two TDOAs, there are {tdoa.size}")

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from systems.estimators.base import Epoch, Estimator, Innovation, Memory, Wiring
 from systems.estimators.hypotheses_start import HypothesesStart
-from systems.estimators.phase_resolver import resolve
 from systems.estimators.start import Start
 from systems.filters.gaussian import GaussianFilter, take
-from systems.filters.hypotheses import log_evidence, merge, mixture, reweigh
+from systems.filters.hypotheses import branch, in_doubt, log_evidence, merge, mixture, reweigh
 from systems.filters.square_root import Posterior
 from systems.filters.whitening import Whitener, missing_rows
 from systems.measurement.base import MeasurementModel
@@ -23,12 +23,53 @@ from systems.motion.base import MotionModel
 __all__ = ["HypothesisBank", "phases_of"]
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 
 def phases_of(model: MeasurementModel) -> list[InterferometerPhase]:
     """Return the interferometer phases in a model or a stack of models."""
     parts = model.models if isinstance(model, Stack) else [model]
     return [part for part in parts if isinstance(part, InterferometerPhase)]
+
+
+class _Living(NamedTuple):
+    """The hypotheses that are alive, of all trials in one row after the other.
+
+    Attributes
+    ----------
+    trial, slot : ndarray, shape (living,)
+        Where each belongs; `trial` rises.
+    mean, covariance : ndarray, shapes (living, n) and (living, n, n)
+    weight : ndarray, shape (living,)
+    integers : ndarray, shape (living, phases)
+    """
+
+    trial: Index
+    slot: Index
+    mean: Array
+    covariance: Array
+    weight: Array
+    integers: Array
+
+    def rows(self, rows: Index) -> _Living:
+        """Return some of them."""
+        trial, slot, mean, covariance, weight, integers = self
+        return _Living(trial[rows], slot[rows], mean[rows], covariance[rows], weight[rows], integers[rows])
+
+
+class _Reading(NamedTuple):
+    """What each living hypothesis is told: measurement (living, m), carriers, and R where it comes with them."""
+
+    value: Array
+    carriers: Array
+    noise: Array | None
+
+    def rows(self, rows: Index) -> _Reading:
+        """Return what some of them are told."""
+        return _Reading(
+            self.value[rows], take(self.carriers, rows), None if self.noise is None else take(self.noise, rows)
+        )
 
 
 class HypothesisBank(Estimator):
@@ -101,79 +142,82 @@ class HypothesisBank(Estimator):
     def memory_sizes(self) -> Mapping[str, int]:
         """See `Estimator.memory_sizes`; hypotheses are sorted by falling weight."""
         k, n = self.hypotheses, self.motion.size
-        sizes = {"means": k * n, "covariances": k * n * n, "weights": k}
-        return {**sizes, "integers": k * len(self._phase_rows)} if self._phase_rows else sizes
+        return {"means": k * n, "covariances": k * n * n, "weights": k, "integers": k * max(1, len(self._phase_rows))}
 
-    def _pack(self, means: Array, covariances: Array, weights: Array, integers: Array) -> Memory:
+    def _tables(self, memory: Memory) -> tuple[Array, Array, Array, Array]:
+        """Return means (trials, K, n), covariances, weights (trials, K) and integers (trials, K, phases)."""
+        k, n = self.hypotheses, self.motion.size
+        return (
+            memory["means"].reshape(-1, k, n),
+            memory["covariances"].reshape(-1, k, n, n),
+            memory["weights"],
+            memory["integers"].reshape(-1, k, max(1, len(self._phase_rows))),
+        )
+
+    def _living(self, memory: Memory) -> _Living:
+        means, covariances, weights, integers = self._tables(memory)
+        finite = np.isfinite(means.sum(axis=-1) + covariances.sum(axis=(-1, -2)))
+        trial, slot = np.nonzero((weights > 0) & finite)
+        at = trial, slot
+        return _Living(trial, slot, means[at], covariances[at], weights[at], integers[at])
+
+    def _spread(self, living: _Living, rows: Array, trials: int, fill: float = np.nan) -> Array:
+        """Return one number or array per living hypothesis as a table (trials, K, ...)."""
+        table = np.full((trials, self.hypotheses, *rows.shape[1:]), fill)
+        table[living.trial, living.slot] = rows
+        return table
+
+    def _memory(self, means: Array, covariances: Array, weights: Array, integers: Array) -> Memory:
         order = np.argsort(-weights, axis=-1, kind="stable")
+        tables = {"means": means, "covariances": covariances, "weights": weights, "integers": integers}
         if (np.diff(order, axis=-1) < 0).any():
-            means = np.take_along_axis(means, order[..., None], axis=1)
-            covariances = np.take_along_axis(covariances, order[..., None, None], axis=1)
-            integers = np.take_along_axis(integers, order[..., None], axis=1)
-            weights = np.take_along_axis(weights, order, axis=1)
-        trials = weights.shape[0]
-        memory = {
-            "means": means.reshape(trials, -1),
-            "covariances": covariances.reshape(trials, -1),
-            "weights": weights,
-        }
-        return {**memory, "integers": integers.reshape(trials, -1)} if self._phase_rows else memory
-
-    def _unpack(self, memory: Memory) -> tuple[Array, Array, Array, Array]:
-        k, n, p = self.hypotheses, self.motion.size, len(self._phase_rows)
-        weights = memory["weights"]
-        means = memory["means"].reshape(-1, k, n)
-        covariances = memory["covariances"].reshape(-1, k, n, n)
-        integers = memory["integers"].reshape(-1, k, p) if p else np.empty((*weights.shape, 0))
-        return means, covariances, weights, integers
+            rows = np.arange(weights.shape[0])[:, None]
+            tables = {group: table[rows, order] for group, table in tables.items()}
+        return {group: table.reshape(weights.shape[0], -1) for group, table in tables.items()}
 
     # ---- Estimator
 
     def first(
         self, measurement: Array, platforms: Array, inputs: Mapping[str, Array], epoch: Epoch
-    ) -> tuple[Memory, NDArray[np.bool_]]:
+    ) -> tuple[Memory, Mask]:
         """See `Estimator.first`."""
         if not isinstance(self.start, HypothesesStart):
             return super().first(measurement, platforms, inputs, epoch)
         found = self.start.hypotheses(measurement, platforms, inputs)
         weights = reweigh(found.weight, np.zeros_like(found.weight), self.least_weight)
-        return self._pack(*self.start.states(found), weights, found.integers), weights.any(axis=-1)
+        return self._memory(*self.start.states(found), weights, found.integers), np.any(weights > 0, axis=-1)
 
     def begin(self, mean: Array, covariance: Array, epoch: Epoch) -> Memory:
         """See `Estimator.begin`: one hypothesis."""
-        trials, n = mean.shape
-        k = self.hypotheses
-        means, covariances = np.full((trials, k, n), np.nan), np.full((trials, k, n, n), np.nan)
+        trials = mean.shape[0]
+        means, covariances, weights, integers = self._tables(
+            {group: np.full((trials, size), np.nan) for group, size in self.memory_sizes().items()}
+        )
         means[:, 0], covariances[:, 0] = mean, covariance
-        weights = np.zeros((trials, k))
+        weights[:] = 0.0
         weights[:, 0] = np.isfinite(mean).all(axis=-1)
-        return self._pack(means, covariances, weights, np.full((trials, k, len(self._phase_rows)), np.nan))
+        return self._memory(means, covariances, weights, integers)
 
     def moments(self, memory: Memory) -> tuple[Array, Array]:
         """See `Estimator.moments`: of the mixture."""
-        means, covariances, weights, _ = self._unpack(memory)
+        means, covariances, weights, _ = self._tables(memory)
         width = max(1, np.count_nonzero((weights > 0).any(axis=0)))
         if width == 1:
-            alive = weights[:, 0] > 0
-            return (
-                np.where(alive[:, None], means[:, 0], np.nan),
-                np.where(alive[:, None, None], covariances[:, 0], np.nan),
+            alone = weights[:, 0] > 0
+            return np.where(alone[:, None], means[:, 0], np.nan), np.where(
+                alone[:, None, None], covariances[:, 0], np.nan
             )
         return mixture(means[:, :width], covariances[:, :width], weights[:, :width])
 
     def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
         """See `Estimator.move`."""
-        means, covariances, weights, _ = self._unpack(memory)
-        alive = np.nonzero(weights > 0)
-        moved_means, moved_covariances = means.copy(), covariances.copy()
-        moved_means[alive], moved_covariances[alive] = self.algorithm.predict(
-            means[alive], covariances[alive], self.motion, dt
-        )
-        trials = weights.shape[0]
+        living = self._living(memory)
+        mean, covariance = self.algorithm.predict(living.mean, living.covariance, self.motion, dt)
+        trials = memory["weights"].shape[0]
         return {
             **memory,
-            "means": moved_means.reshape(trials, -1),
-            "covariances": moved_covariances.reshape(trials, -1),
+            "means": self._spread(living, mean, trials).reshape(trials, -1),
+            "covariances": self._spread(living, covariance, trials).reshape(trials, -1),
         }
 
     def correct(
@@ -185,65 +229,77 @@ class HypothesisBank(Estimator):
         epoch: Epoch,
     ) -> tuple[Memory, Innovation]:
         """See `Estimator.correct`."""
-        means, covariances, weights, integers = self._unpack(memory)
-        alive = np.nonzero(weights > 0)
-        of_trial = alive[0]
-        prior = means[alive], covariances[alive]
-        carriers = take(platforms, of_trial)
-        value = measurement[of_trial]
-        if self._phases is not None:
-            predicted = self._phases.predict(prior[0], carriers)
-            value[:, self._phase_rows], cycles = resolve(wrap(value[:, self._phase_rows]), predicted)
-            integers = integers.copy()
-            integers[alive] = np.where(np.isfinite(cycles), cycles, integers[alive])
-        noise = None if noise_covariance is None else noise_covariance[of_trial]
-        whitener = self._whitener if noise is None else Whitener(noise)
-        result = self.algorithm.update(*prior, value, carriers, self.model, whitener)
+        trials = measurement.shape[0]
+        living = self._living(memory)
+        everything = _Reading(measurement, platforms, noise_covariance)
+        living, reading = self._resolve(living, everything.rows(living.trial))
+        result = self._update(living, reading)
 
-        likelihood = np.full(weights.shape, -np.inf)
-        finite = np.isfinite(result.mean).all(axis=-1)
-        likelihood[alive] = np.where(finite, 0.0, -np.inf)
-        rivals = np.flatnonzero(finite & (np.count_nonzero(weights > 0, axis=-1) > 1)[of_trial])
+        finite = np.isfinite(result.mean).all(axis=-1) & np.isfinite(result.covariance).all(axis=(-1, -2))
+        likelihood = np.where(finite, 0.0, -np.inf)
+        rivals = np.flatnonzero(finite & (np.bincount(living.trial, minlength=trials)[living.trial] > 1))
         if rivals.size:
-            likelihood[alive[0][rivals], alive[1][rivals]] = self._likelihood(
-                prior, result, value, carriers, noise, rivals
+            likelihood[rivals] = self._likelihood(
+                living.rows(rivals), reading.rows(rivals), result.mean[rivals], result.covariance[rivals]
             )
-        weights = reweigh(weights, likelihood, self.least_weight)
-        if self._phases is not None and rivals.size:
-            weights = merge(weights, integers)
-
-        new_means, new_covariances = np.full_like(means, np.nan), np.full_like(covariances, np.nan)
-        new_means[alive], new_covariances[alive] = result.mean, result.covariance
-        return self._pack(new_means, new_covariances, weights, integers), self._report(weights, alive, result)
-
-    def _likelihood(
-        self,
-        prior: tuple[Array, Array],
-        result: Posterior,
-        value: Array,
-        carriers: Array,
-        noise: Array | None,
-        rows: Array,
-    ) -> Array:
-        """Return the log-likelihood of the measurement for the hypotheses numbered `rows`."""
-        predicted = self.model.predict(result.mean[rows], take(carriers, rows))
-        residual = self.model.residual(value[rows], predicted)
-        missing = missing_rows(residual)
-        whitener = self._whitener if noise is None else Whitener(noise[rows])
-        whitened = np.einsum(
-            "...ij,...j->...i",
-            whitener.matrix(missing),
-            residual if missing is None else np.where(missing, 0.0, residual),
+        weights = reweigh(
+            self._spread(living, living.weight, trials, 0.0),
+            self._spread(living, likelihood, trials, -np.inf),
+            self.least_weight,
         )
-        return log_evidence(
-            (prior[0][rows], prior[1][rows]), (result.mean[rows], result.covariance[rows]), whitened
-        )
-
-    def _report(self, weights: Array, alive: tuple[Array, ...], result: Posterior) -> Innovation:
-        """Return what the likeliest hypothesis of each trial reports."""
-        trials = weights.shape[0]
+        means = self._spread(living, result.mean, trials)
+        covariances = self._spread(living, result.covariance, trials)
+        integers = self._spread(living, living.integers, trials)
+        if rivals.size:
+            weights = merge(weights, integers, means, covariances)
+        leads = (np.argmax(weights, axis=-1)[living.trial] == living.slot) & (weights[living.trial, living.slot] > 0)
         value, nis, dof = np.full((trials, self.model.size), np.nan), np.full(trials, np.nan), np.zeros(trials)
-        leads = (np.argmax(weights, axis=-1)[alive[0]] == alive[1]) & (weights[alive] > 0)
-        at = alive[0][leads]
+        at = living.trial[leads]
         value[at], nis[at], dof[at] = result.innovation[leads], result.nis[leads], result.nis_dof[leads]
-        return Innovation(value, nis, dof)
+        return self._memory(means, covariances, weights, integers), Innovation(value, nis, dof)
+
+    # ---- one epoch of the living
+
+    def _resolve(self, living: _Living, reading: _Reading) -> tuple[_Living, _Reading]:
+        """Add whole cycles to the phases; a hypothesis that leaves several possible branches."""
+        if self._phases is None:
+            return living, reading
+        value = reading.value.copy()
+        wrapped = wrap(value[:, self._phase_rows])
+        turns, sigma = self._turns(living.mean, living.covariance, wrapped, reading.carriers)
+        vague = np.flatnonzero(in_doubt(turns, sigma))
+        if vague.size:
+            # After a gap: with what the other rows say of the place, fewer integers are left.
+            silent = reading.rows(vague)
+            silent.value[:, self._phase_rows] = np.nan
+            told = self._update(living.rows(vague), silent)
+            turns[vague], sigma[vague] = self._turns(told.mean, told.covariance, wrapped[vague], silent.carriers)
+        parent, whole, slot = branch(turns, sigma, living.weight, living.trial, living.slot, self.hypotheses)
+        value = value[parent]
+        value[:, self._phase_rows] = wrapped[parent] + 2 * np.pi * whole
+        chosen = living.rows(parent)
+        integers = np.where(np.isfinite(whole), whole, chosen.integers)
+        return chosen._replace(slot=slot, integers=integers), reading.rows(parent)._replace(value=value)
+
+    def _turns(self, mean: Array, covariance: Array, wrapped: Array, carriers: Array) -> tuple[Array, Array]:
+        """Return predicted minus wrapped phases and the standard deviation of that, both in cycles."""
+        assert self._phases is not None
+        predicted, rows = self._phases.linearize(mean, carriers)
+        variance = np.einsum("...mi,...mi->...m", rows @ covariance, rows) + self._phases.sigmas**2
+        return (predicted - wrapped) / (2 * np.pi), np.sqrt(variance) / (2 * np.pi)
+
+    def _whiten(self, reading: _Reading) -> Whitener:
+        return self._whitener if reading.noise is None else Whitener(reading.noise)
+
+    def _update(self, living: _Living, reading: _Reading) -> Posterior:
+        return self.algorithm.update(
+            living.mean, living.covariance, reading.value, reading.carriers, self.model, self._whiten(reading)
+        )
+
+    def _likelihood(self, living: _Living, reading: _Reading, mean: Array, covariance: Array) -> Array:
+        """Return the log-likelihood of what each hypothesis is told, given its belief before and after."""
+        residual = self.model.residual(reading.value, self.model.predict(mean, reading.carriers))
+        missing = missing_rows(residual)
+        present = residual if missing is None else np.where(missing, 0.0, residual)
+        whitened = np.einsum("...ij,...j->...i", self._whiten(reading).matrix(missing), present)
+        return log_evidence((living.mean, living.covariance), (mean, covariance), whitened)

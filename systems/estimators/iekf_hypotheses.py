@@ -30,7 +30,7 @@ class IekfHypotheses(EstimatorOptions):
 
     max_iterations: int = count("at most so many linearisations per update; 1 is the EKF", 10)
     tolerance: float = number("stop rule ||x_{j+1} - x_j|| <= tolerance, SI units mixed", 1e-2, above=0)
-    hypotheses: int = count("most hypotheses kept in a trial", 16)
+    hypotheses: int = count("most hypotheses kept in a trial", 24)
     least_weight: float = number("a hypothesis with less probability than this is dropped", 1e-5, above=0, at_most=0.5)
 
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:

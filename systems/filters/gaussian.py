@@ -62,6 +62,6 @@ def predict_extended(mean: Array, covariance: Array, motion: MotionModel, dt: fl
     return motion.propagate(mean, dt), symmetric(spread) + motion.process_noise(mean, dt)
 
 
-def take(platforms: Array, rows: Array) -> Array:
+def take(platforms: Array, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Array:
     """Return the platforms of some trials; those that all trials share stay as they are."""
     return platforms if platforms.shape[0] == 1 else platforms[rows]

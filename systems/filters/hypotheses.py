@@ -7,9 +7,14 @@ from numpy.typing import NDArray
 
 from systems.filters.linear_algebra import cholesky, symmetric
 
-__all__ = ["log_evidence", "merge", "mixture", "reweigh"]
+__all__ = ["branch", "in_doubt", "log_evidence", "merge", "mixture", "reweigh"]
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+_DOUBT = 3.5  # sigmas of the predicted phase; 5e-4 of the cases lie outside
+_CYCLES = 2  # an integer this far from the nearest is still considered
 
 
 def log_evidence(prior: tuple[Array, Array], posterior: tuple[Array, Array], whitened: Array) -> Array:
@@ -38,6 +43,63 @@ def log_evidence(prior: tuple[Array, Array], posterior: tuple[Array, Array], whi
     narrowed = np.log(np.diagonal(after, axis1=-2, axis2=-1) / np.diagonal(before, axis1=-2, axis2=-1)).sum(axis=-1)
     distance = np.einsum("...i,...i->...", moved, moved) + np.einsum("...i,...i->...", whitened, whitened)
     return narrowed - 0.5 * distance
+
+
+def in_doubt(turns: Array, sigma: Array) -> Mask:
+    """Return which hypotheses allow more than one set of integers; arguments as in `branch`."""
+    _, short, reach = _reach(turns, sigma)
+    return np.any(np.abs(short) + reach >= 1, axis=-1)
+
+
+def _reach(turns: Array, sigma: Array) -> tuple[Array, Array, Array]:
+    """Return the nearest integers, how far they are, and how far one may be [cycles]; 0 where a phase is missing."""
+    nearest = np.round(turns)
+    known = np.isfinite(turns) & np.isfinite(sigma)
+    return nearest, np.where(known, turns - nearest, 0.0), np.where(known, _DOUBT * sigma, 0.0)
+
+
+def branch(
+    turns: Array, sigma: Array, weights: Array, trial: Index, slot: Index, most: int
+) -> tuple[Index, Array, Index]:
+    """Return the integers that each hypothesis allows: one where its prediction is sharp, else several.
+
+    Parameters
+    ----------
+    turns : ndarray, shape (hypotheses, m)
+        Predicted minus wrapped phases, in cycles; NaN where a phase is missing.
+    sigma : ndarray, shape (hypotheses, m)
+        Standard deviation of that [cycles].
+    weights : ndarray, shape (hypotheses,)
+        Greater than 0.
+    trial, slot : ndarray of int, shape (hypotheses,)
+        Which trial each belongs to, rising, and its place there.
+    most : int
+        Places in a trial; of more branches the least likely are cut off.
+
+    Returns
+    -------
+    parent : ndarray of int, shape (branches,)
+        Number of the hypothesis.
+    integers : ndarray, shape (branches, m)
+        NaN where `turns` is.
+    slot : ndarray of int, shape (branches,)
+        Place of the branch in its trial: as before where nothing branches.
+    """
+    nearest, short, reach = _reach(turns, sigma)
+    if not in_doubt(turns, sigma).any():
+        return np.arange(trial.size), nearest, slot
+
+    steps = [np.arange(-_CYCLES, _CYCLES + 1.0)] * turns.shape[-1]
+    offsets = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, turns.shape[-1])
+    away = short[:, None] - offsets
+    parent, option = np.nonzero(((np.abs(away) <= reach[:, None]) | (offsets == 0)).all(axis=-1))
+    misfit = away[parent, option] / np.where(reach > 0, sigma, np.inf)[parent]
+    score = np.log(weights[parent]) - 0.5 * np.einsum("bi,bi->b", misfit, misfit)
+    order = np.lexsort((-score, trial[parent]))
+    of_trial = trial[parent[order]]
+    place = np.arange(order.size) - np.searchsorted(of_trial, of_trial)
+    chosen, place = order[place < most], place[place < most]
+    return parent[chosen], nearest[parent[chosen]] + offsets[option[chosen]], place
 
 
 def reweigh(weights: Array, log_likelihood: Array, least: float) -> Array:
@@ -71,28 +133,42 @@ def normalised(weights: Array) -> Array:
     return weights / np.where(total > 0, total, 1.0)
 
 
-def merge(weights: Array, labels: Array) -> Array:
-    """Add the weight of hypotheses that have become the same one to the heaviest of them.
+def merge(weights: Array, integers: Array, means: Array, covariances: Array) -> Array:
+    r"""Add the weight of a hypothesis that has become the same as a heavier one to that one.
+
+    The same: equal integers, and :math:`(x_i - x_j)^T (P_i + P_j)^{-1} (x_i - x_j) < 1`. Equal integers alone do not
+    do: after a gap, two that were cycles apart may come to the same place with different velocities.
 
     Parameters
     ----------
     weights : ndarray, shape (trials, K)
-    labels : ndarray, shape (trials, K, m)
-        Hypotheses with equal labels are the same; a NaN equals nothing.
+    integers : ndarray, shape (trials, K, m)
+        A NaN equals nothing.
+    means, covariances : ndarray, shapes (trials, K, n) and (trials, K, n, n)
 
     Returns
     -------
     ndarray, shape (trials, K)
     """
-    same = (labels[:, :, None] == labels[:, None, :]).all(axis=-1)
-    order = np.argsort(np.argsort(-weights, axis=-1, kind="stable"), axis=-1, kind="stable")
-    heavier = same & (order[:, None, :] < order[:, :, None])
     alive = weights > 0
-    absorbed = heavier & alive[:, None, :] & alive[:, :, None]
-    gone = absorbed.any(axis=-1)
-    # Each goes to the heaviest of its kind, which is absorbed by none.
-    gained = np.where(absorbed & ~gone[:, None, :], weights[:, :, None], 0.0).sum(axis=1)
-    return np.where(gone, 0.0, weights + gained)
+    rank = np.argsort(np.argsort(-weights, axis=-1, kind="stable"), axis=-1)
+    equal = (integers[:, :, None] == integers[:, None, :]).all(axis=-1)
+    same = equal & alive[:, :, None] & alive[:, None, :] & (rank[:, None, :] < rank[:, :, None])
+    if not same.any():
+        return weights
+    trial, light, heavy = np.nonzero(same)
+    apart = means[trial, light] - means[trial, heavy]
+    spread = covariances[trial, light] + covariances[trial, heavy]
+    distance = np.einsum("pi,pi->p", apart, np.linalg.solve(spread, apart[..., None])[..., 0])
+    same[trial, light, heavy] = distance < 1
+    # Only into one that stays itself; a chain takes an epoch per link.
+    same &= ~same.any(axis=-1)[:, None, :]
+    trial, light = np.nonzero(same.any(axis=-1))
+    into = np.where(same, rank[:, None, :], weights.shape[1]).argmin(axis=-1)[trial, light]
+    merged = weights.copy()
+    merged[trial, light] = 0.0
+    np.add.at(merged, (trial, into), weights[trial, light])
+    return merged
 
 
 def mixture(means: Array, covariances: Array, weights: Array) -> tuple[Array, Array]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from systems.filters.gaussian import GaussianFilter, take
 from systems.filters.linear_algebra import cholesky
-from systems.filters.square_root import Gains, Posterior, statistic
+from systems.filters.square_root import Gains, Posterior
 from systems.filters.whitening import Whitener, missing_rows
 from systems.measurement.base import MeasurementModel
 
@@ -28,7 +29,8 @@ class IteratedExtendedKalman(GaussianFilter):
 
     Bell and Cathey, *The iterated Kalman filter update as a Gauss-Newton method*, IEEE Trans. Automatic
     Control 38 (1993) 294-297; section 2.2 of Xu, Su and Wang, doi 10.20079/j.issn.1001-893x.220609005. A trial stops
-    when it has converged itself; the others go on without it, and none changes another's result.
+    when it has converged itself, or where its next iterate is not finite; the others go on without it, and none
+    changes another's result.
 
     Parameters
     ----------
@@ -61,49 +63,79 @@ class IteratedExtendedKalman(GaussianFilter):
         root = cholesky(covariance)
         value, jacobian = model.linearize(mean, platforms)
         innovation = model.residual(measurement, value)
-        missing = missing_rows(innovation, jacobian.sum(axis=-1))
+        missing = missing_rows(innovation, jacobian)
         if missing is not None:
             innovation, jacobian = _without(missing, innovation, jacobian)
-        w = whitener.matrix(missing)
-        rows = w @ (jacobian @ root)
-        whitened = np.einsum("...ij,...j->...i", w, innovation)
-        gain = Gains(root, rows)
-        state = mean + gain.correction(whitened)
-        final_rows = rows
-        nis = statistic(rows, whitened)
+        weight = whitener.matrix(missing)
+        gains = Gains(root, weight @ (jacobian @ root))
+        step, nis = gains.update((weight @ innovation[..., None])[..., 0])
+        state = mean + step
+        if self.max_iterations > 1:
+            trials = _Trials(mean, root, measurement, platforms, weight, missing)
+            gains = self._iterate(trials, model, state, step, gains)
 
-        active = np.arange(mean.shape[0])
-        step = state - mean
-        for _ in range(self.max_iterations - 1):
-            # A state that is not finite cannot be improved either.
-            moving = np.einsum("...i,...i->...", step, step) > self.tolerance**2
-            if not moving.any():
-                break
-            if not moving.all():
-                active = active[moving]
-            here, prior, factor = state[active], mean[active], root[active]
-            value, jacobian = model.linearize(here, take(platforms, active))
-            residual = model.residual(measurement[active], value)
-            if missing is not None:
-                residual, jacobian = _without(missing[active], residual, jacobian)
-            weight = w if w.ndim == 2 else w[active]
-            local = weight @ (jacobian @ factor)
-            pulled = residual - np.einsum("...mi,...i->...m", jacobian, prior - here)
-            moved = prior + Gains(factor, local).correction(np.einsum("...ij,...j->...i", weight, pulled))
-            step = moved - here
-            state[active] = moved
-            if final_rows is rows:
-                final_rows = rows.copy()
-            final_rows[active] = local
-
-        posterior = gain if final_rows is rows else Gains(root, final_rows)
         if missing is None:
             used = np.full(mean.shape[0], float(model.size))
         else:
             innovation = np.where(missing, np.nan, innovation)
             used = np.count_nonzero(~missing, axis=-1).astype(float)
             nis = np.where(used > 0, nis, np.nan)
-        return Posterior(state, posterior.covariance(), innovation, nis, used)
+        return Posterior(state, gains.covariance(), innovation, nis, used)
+
+    def _iterate(self, trials: _Trials, model: MeasurementModel, state: Array, step: Array, gains: Gains) -> Gains:
+        """Move `state` to where each trial converges; return the gains of every trial's last linearisation."""
+        root, rows = trials.root, gains.rows
+        active: NDArray[np.intp] | None = None  # all
+        for _ in range(self.max_iterations - 1):
+            moving = np.einsum("...i,...i->...", step, step) > self.tolerance**2
+            if not moving.any():
+                break
+            if not moving.all():
+                active = np.flatnonzero(moving) if active is None else active[moving]
+                trials = trials.rows(moving)
+            here = state if active is None else state[active]
+            value, jacobian = model.linearize(here, trials.platforms)
+            residual = model.residual(trials.measurement, value)
+            if trials.missing is not None:
+                residual, jacobian = _without(trials.missing, residual, jacobian)
+            local = trials.weight @ (jacobian @ trials.root)
+            pulled = residual + (jacobian @ (here - trials.mean)[..., None])[..., 0]
+            correction = Gains(trials.root, local).correction((trials.weight @ pulled[..., None])[..., 0])
+            moved = trials.mean + correction
+            if not np.isfinite(np.sum(moved)):
+                # An iterate outside of where the model is defined: such a trial stays at the one before.
+                lost = ~np.all(np.isfinite(moved), axis=-1)
+                moved = np.where(lost[:, None], here, moved)
+                local = np.where(lost[:, None, None], rows if active is None else rows[active], local)
+            step = moved - here
+            if active is None:
+                state[:], rows = moved, local
+            else:
+                rows = rows.copy() if rows is gains.rows else rows
+                state[active], rows[active] = moved, local
+        return gains if rows is gains.rows else Gains(root, rows)
+
+
+class _Trials(NamedTuple):
+    """What stays the same while a trial iterates."""
+
+    mean: Array
+    root: Array
+    measurement: Array
+    platforms: Array
+    weight: Array
+    missing: NDArray[np.bool_] | None
+
+    def rows(self, which: NDArray[np.bool_]) -> _Trials:
+        """Return some trials alone."""
+        return _Trials(
+            self.mean[which],
+            self.root[which],
+            self.measurement[which],
+            take(self.platforms, which),
+            self.weight if self.weight.ndim == 2 else self.weight[which],
+            None if self.missing is None else self.missing[which],
+        )
 
 
 def _without(missing: NDArray[np.bool_], residual: Array, jacobian: Array) -> tuple[Array, Array]:

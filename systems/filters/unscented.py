@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from systems.filters.gaussian import GaussianFilter, predict_extended
 from systems.filters.linear_algebra import cholesky, symmetric
-from systems.filters.square_root import Gains, Posterior, statistic
+from systems.filters.square_root import Gains, Posterior
 from systems.filters.whitening import Whitener, missing_rows
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
@@ -102,27 +102,24 @@ class UnscentedKalman(GaussianFilter):
         shift = 2 * weight * even.sum(axis=-2)
         innovation = model.residual(measurement, middle[..., 0, :]) - shift
 
-        missing = missing_rows(innovation, plus.sum(axis=-2), minus.sum(axis=-2))
+        missing = missing_rows(innovation, np.swapaxes(plus, -1, -2), np.swapaxes(minus, -1, -2))
         odd = (plus - minus) / (2 * c)
         if missing is not None:
             innovation = np.where(missing, 0.0, innovation)
             odd, even = (np.where(missing[..., None, :], 0.0, part) for part in (odd, even))
             shift = np.where(missing, 0.0, shift)
         w = whitener.matrix(missing)
-        rows = w @ np.swapaxes(odd, -1, -2)
-        curved = np.einsum("...ij,...kj->...ki", w, even - shift[..., None, :])
-        bend = np.einsum("...ij,...j->...i", w, shift)
-        omega = 2 * weight * (np.swapaxes(curved, -1, -2) @ curved)
+        bends = (even - shift[..., None, :]) @ np.swapaxes(w, -1, -2)
+        bend = (w @ shift[..., None])[..., 0]
+        omega = 2 * weight * (np.swapaxes(bends, -1, -2) @ bends)
         omega += centre * bend[..., :, None] * bend[..., None, :]
-        extra = np.linalg.inv(cholesky(np.eye(model.size) + omega))
-        rows = extra @ rows
-        whitened = np.einsum("...ij,...j->...i", extra @ w, innovation)
-        gain = Gains(root, rows)
-        nis = statistic(rows, whitened)
+        inflated = np.linalg.inv(cholesky(np.eye(model.size) + omega)) @ w
+        gains = Gains(root, inflated @ np.swapaxes(odd, -1, -2))
+        step, nis = gains.update((inflated @ innovation[..., None])[..., 0])
         if missing is None:
             used = np.full(mean.shape[0], float(model.size))
         else:
             innovation = np.where(missing, np.nan, innovation)
             used = np.count_nonzero(~missing, axis=-1).astype(float)
             nis = np.where(used > 0, nis, np.nan)
-        return Posterior(mean + gain.correction(whitened), gain.covariance(), innovation, nis, used)
+        return Posterior(mean + step, gains.covariance(), innovation, nis, used)

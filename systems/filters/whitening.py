@@ -5,22 +5,39 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.linear_algebra import cholesky
-
-__all__ = ["Whitener", "missing_rows"]
+__all__ = ["Whitener", "missing_rows", "unknown_rows"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
-def missing_rows(*arrays: Array) -> NDArray[np.bool_] | None:
-    """Return which rows are not finite in any of the arrays (..., m), or None where all rows are there."""
-    total = sum(float(np.sum(array)) for array in arrays)  # one pass: a sum is finite iff nothing is missing
+def missing_rows(residual: Array, *more: Array) -> Mask | None:
+    """Return which rows (..., m) are not finite in any of the arrays, or None where all rows are there.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (..., m)
+    more : ndarray, shape (..., m) or (..., m, n)
+    """
+    total = float(np.sum(residual)) + sum(float(np.sum(array)) for array in more)  # finite iff nothing is missing
     if np.isfinite(total):
         return None
-    missing = ~np.isfinite(arrays[0])
-    for array in arrays[1:]:
-        missing = missing | ~np.isfinite(array)
+    missing = ~np.isfinite(residual)
+    for array in more:
+        bad = ~np.isfinite(array)
+        missing = missing | (np.any(bad, axis=-1) if array.ndim > residual.ndim else bad)
     return missing
+
+
+def unknown_rows(covariance: Array) -> Mask:
+    """Return which rows of a noise covariance (..., m, m) cannot be used, shape (..., m).
+
+    Those whose variance is not finite, and those whose covariance with another that is left is not.
+    """
+    finite = np.isfinite(covariance)
+    unknown = ~np.einsum("...ii->...i", finite)
+    gaps = ~finite & ~unknown[..., :, None] & ~unknown[..., None, :]
+    return unknown | np.any(gaps, axis=-1)
 
 
 class Whitener:
@@ -32,7 +49,7 @@ class Whitener:
     Parameters
     ----------
     covariance : ndarray, shape (m, m) or (..., m, m)
-        R, symmetric positive definite.
+        R, symmetric positive definite; NaN is allowed in rows that `matrix` is told are missing.
 
     Raises
     ------
@@ -42,27 +59,43 @@ class Whitener:
 
     def __init__(self, covariance: Array) -> None:
         self._covariance = np.asarray(covariance, dtype=float)
+        m = self._covariance.shape[-1]
         variances = np.einsum("...ii->...i", self._covariance)
-        finite = np.isfinite(variances)
-        if np.any(variances[finite] <= 0):
+        if np.any(variances <= 0):
             raise ValueError("the noise covariance must be positive definite: it has a variance <= 0")
-        self._diagonal = bool(np.all(self._covariance == variances[..., None] * np.eye(self._covariance.shape[-1])))
-        self._full = self._inverse_root(self._covariance)
+        self._whole = bool(np.isfinite(np.sum(self._covariance)))
+        self._diagonal = self._whole and bool(np.all(self._covariance == variances[..., None] * np.eye(m)))
+        complete = np.all(np.isfinite(self._covariance), axis=(-1, -2), keepdims=True)
+        full = _inverse_root(np.where(complete, self._covariance, np.eye(m)))
+        self._full = full if self._whole else np.where(complete, full, np.nan)
 
-    @staticmethod
-    def _inverse_root(covariance: Array) -> Array:
-        scale = 1 / np.sqrt(np.einsum("...ii->...i", covariance))
-        correlation = covariance * (scale[..., :, None] * scale[..., None, :])
-        return np.linalg.inv(cholesky(correlation)) * scale[..., None, :]
+    def matrix(self, missing: Mask | None) -> Array:
+        """Return W, shape (m, m) or (..., m, m), for rows of which `missing` (..., m) are not there.
 
-    def matrix(self, missing: NDArray[np.bool_] | None) -> Array:
-        """Return W, shape (m, m) or (..., m, m), for rows of which `missing` (..., m) are not there."""
-        if missing is None:
+        Raises
+        ------
+        ValueError
+            If a row that is there has no finite covariance.
+        """
+        if missing is None and self._whole:
             return self._full
-        if self._diagonal and np.all(np.isfinite(self._full)):
+        if missing is None:
+            missing = np.zeros(self._covariance.shape[:-1], dtype=bool)
+        if self._diagonal:
             return np.where(missing[..., None], 0.0, self._full)
         # The covariance of the rows that are there is a sub-block of R: factor it with unit rows in the gaps.
-        m = self._covariance.shape[-1]
         gone = missing[..., :, None] | missing[..., None, :]
-        kept = np.where(gone, np.eye(m), self._covariance)
-        return np.where(missing[..., None], 0.0, self._inverse_root(kept))
+        kept = np.where(gone, np.eye(self._covariance.shape[-1]), self._covariance)
+        if not np.isfinite(np.sum(kept)):
+            raise ValueError("the noise covariance must be finite in every row that is measured")
+        return np.where(missing[..., None], 0.0, _inverse_root(kept))
+
+
+def _inverse_root(covariance: Array) -> Array:
+    scale = 1 / np.sqrt(np.einsum("...ii->...i", covariance))
+    correlation = covariance * (scale[..., :, None] * scale[..., None, :])
+    try:
+        root = np.linalg.cholesky(correlation)
+    except np.linalg.LinAlgError:
+        raise ValueError("the noise covariance must be positive definite: rows are fully correlated") from None
+    return np.linalg.inv(root) * scale[..., None, :]

@@ -9,7 +9,6 @@ shortest Newton step :math:`G^T (G G^T)^{-1} r`.
 
 from __future__ import annotations
 
-import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ Array = NDArray[np.float64]
 
 _BEARINGS, _RINGS = 24, 16  # of the grid on the ground where the curve is looked for
 _HORIZON = 0.98  # share of the way to the horizon that the grid covers
+_REACH = 4.0  # sigmas of height; 6e-5 of the cases lie outside
 _LARGEST_STEP = 300e3  # m
 _ITERATIONS = 30
 _ON_CURVE = 1.0  # m of both range differences; a hundredth of what a good TDOA says
@@ -35,12 +35,15 @@ def delay_curve(
     delays: MeasurementModel,
     measured: Array,
     platforms: Array,
-    low: Array,
-    high: Array,
+    height: Array,
+    sigma_height: float,
     watched: MeasurementModel,
     spacing: float,
 ) -> Array:
-    """Return points on the curve of two measured delays, between two heights.
+    """Return points on the curve of two measured delays, at heights that are possible.
+
+    Possible is what lies within 4 sigmas of an assumed height; sigma counts both its own error and that of the
+    delays, which lift and lower the curve.
 
     Parameters
     ----------
@@ -50,8 +53,10 @@ def delay_curve(
         The delays [s].
     platforms : ndarray, shape (1 or trials, p, 6)
         Carriers of `delays` and `watched`, Earth-fixed.
-    low, high : ndarray, shape (trials,)
-        Heights above the WGS-84 ellipsoid [m], ``low < high``.
+    height : ndarray, shape (trials,)
+        Assumed height above the WGS-84 ellipsoid [m].
+    sigma_height : float
+        Its standard deviation [m].
     watched : MeasurementModel
         Its rows move by at most about `spacing` from one point to the next.
     spacing : float
@@ -66,19 +71,21 @@ def delay_curve(
     foot = _land(delays, measured, platforms, _nearest(delays, measured, platforms))
     position = np.stack([foot, foot])
     with np.errstate(invalid="ignore", divide="ignore"):
+        margin = _REACH * np.hypot(sigma_height, _lift(delays, foot, platforms))
+        low, high = height - margin, height + margin
         tangent = _tangent(delays, position, platforms)
         tangent[1] *= -1
         found = []
         walking = np.isfinite(position).all(axis=-1)
         for _ in range(_MOST_STEPS):
-            height, normal = ecef_to_geodetic(position)[2], up(position)
+            level, normal = ecef_to_geodetic(position)[2], up(position)
             rising = np.einsum("...i,...i->...", tangent, normal)
-            walking &= _in_sight(position, normal, platforms) & ~((height > high) & (rising > 0))
+            walking &= _in_sight(position, normal, platforms) & ~((level > high) & (rising > 0))
             if not walking.any():
                 break
-            inside = walking & (height >= low) & (height <= high)
+            inside = walking & (level >= low) & (level <= high)
             found.append(np.where(inside[..., None], position, np.nan))
-            step = _step(position, tangent, height, rising, platforms, low, high, watched, spacing)
+            step = _step(position, tangent, level, rising, platforms, low, high, watched, spacing)
             position = np.where(walking[..., None], position + step[..., None] * tangent, position)
             for _ in range(_CORRECTIONS):
                 position = position + _back(delays, measured, position, platforms)[0]
@@ -89,7 +96,7 @@ def delay_curve(
     if not found:
         return np.full((measured.shape[0], 1, 3), np.nan)
     points = np.concatenate(found)  # the foot is there twice, which does no harm
-    points = points[np.isfinite(points).any(axis=(-1, -2))]
+    points = points[np.any(np.isfinite(points), axis=(-1, -2))]
     return np.moveaxis(points, 0, 1) if points.size else np.full((measured.shape[0], 1, 3), np.nan)
 
 
@@ -117,6 +124,17 @@ def _tangent(delays: MeasurementModel, position: Array, platforms: Array) -> Arr
     return t / np.linalg.norm(t, axis=-1, keepdims=True)
 
 
+def _lift(delays: MeasurementModel, position: Array, platforms: Array) -> Array:
+    r"""Return by how much the delays' errors move the curve up or down [m]: of :math:`G^+ R\,G^{+T}` the vertical."""
+    g = delays.jacobian(_at_rest(position), platforms)[..., :3] / delays.sigmas[:, None]
+    level = np.einsum("...ik,...k->...i", g, up(position))
+    correlation = delays.noise_covariance() / np.outer(delays.sigmas, delays.sigmas)
+    gram = np.einsum("...ik,...jk->...ij", g, g)
+    finite = np.all(np.isfinite(gram), axis=(-1, -2))
+    weights = np.linalg.solve(np.where(finite[..., None, None], gram, np.eye(2)), level[..., None])[..., 0]
+    return np.sqrt(np.einsum("...i,ij,...j->...", weights, correlation, weights))
+
+
 def _in_sight(position: Array, normal: Array, platforms: Array) -> NDArray[np.bool_]:
     offset = platforms[..., :3] - position[..., None, :]
     return (np.einsum("...pi,...i->...p", offset, normal) > 0).all(axis=-1)
@@ -139,7 +157,7 @@ def _nearest(delays: MeasurementModel, measured: Array, platforms: Array) -> Arr
     misfit = (np.abs(delays.predict(_at_rest(grid), platforms) - measured) ** 2).sum(axis=-1)
     best = np.argmin(np.where(np.isfinite(misfit), misfit, np.inf), axis=0)
     chosen = np.broadcast_to(grid, (grid.shape[0], measured.shape[0], 3))[best, np.arange(measured.shape[0])]
-    return np.where(np.isfinite(measured).all(axis=-1)[:, None], chosen, np.nan)
+    return np.where(np.all(np.isfinite(measured), axis=-1, keepdims=True), chosen, np.nan)
 
 
 def _land(delays: MeasurementModel, measured: Array, platforms: Array, start: Array) -> Array:
@@ -160,7 +178,7 @@ def _land(delays: MeasurementModel, measured: Array, platforms: Array, start: Ar
 def _step(
     position: Array,
     tangent: Array,
-    height: Array,
+    level: Array,
     rising: Array,
     platforms: Array,
     low: Array,
@@ -175,10 +193,10 @@ def _step(
     """
     reach = np.linalg.norm(platforms[..., 0, :3] - position, axis=-1)
     fine = (high - low) / _FEWEST_STEPS_IN_WINDOW
-    outside = np.maximum(np.maximum(low - height, height - high), 0.0)
+    outside = np.maximum(np.maximum(low - level, level - high), 0.0)
     slope = np.abs(rising)
     change = np.maximum(fine, 0.5 * outside)
     step = np.minimum(reach * (np.sqrt(slope**2 + 2 * change / reach) - slope), 0.1 * reach)
     speed = np.einsum("...mi,...i->...m", watched.jacobian(_at_rest(position), platforms)[..., :3], tangent)
     calm = spacing / np.maximum(np.abs(speed).max(axis=-1), np.finfo(float).tiny)
-    return np.where(outside <= 2 * fine, np.minimum(step, calm), np.minimum(step, math.inf))
+    return np.where(outside <= 2 * fine, np.minimum(step, calm), step)

@@ -24,7 +24,6 @@ __all__ = ["IntegerHypotheses", "integer_covariance", "integer_hypotheses"]
 
 Array = NDArray[np.float64]
 
-_REACH = 4.0  # sigmas of the assumed height that are searched: 6e-5 of the cases lie outside
 _SPACING = np.pi / 2  # rad between points: a quarter of a cycle, so that none is skipped
 _ITERATIONS = 30
 _CONVERGED = 1e-2  # m
@@ -94,15 +93,7 @@ def integer_hypotheses(
     IntegerHypotheses
     """
     wrapped = wrap(measured_phases)
-    points = delay_curve(
-        delays,
-        measured_delays,
-        platforms,
-        height - _REACH * sigma_height,
-        height + _REACH * sigma_height,
-        phases,
-        _SPACING,
-    )
+    points = delay_curve(delays, measured_delays, platforms, height, sigma_height, phases, _SPACING)
     integers, start = _met(phases, wrapped, points, platforms, height, sigma_height, count)
     stack, whitener = _together(delays, phases, sigma_height, sigma_range)
     trials = wrapped.shape[0]
@@ -137,7 +128,7 @@ def integer_covariance(
     """
     stack, whitener = _together(delays, phases, sigma_height, sigma_range)
     rows = whitener.matrix(None) @ stack.jacobian(target, platforms)[..., :3]
-    finite = np.isfinite(rows).all(axis=(-1, -2))[..., None, None]
+    finite = np.all(np.isfinite(rows), axis=(-1, -2))[..., None, None]
     return np.where(finite, np.linalg.inv(np.where(finite, np.swapaxes(rows, -1, -2) @ rows, np.eye(3))), np.nan)
 
 
@@ -164,7 +155,8 @@ def _met(
     target = np.concatenate([points, np.zeros_like(points)], axis=-1)
     turns = (phases.predict(target, platforms[:, None]) - wrapped[:, None]) / (2 * np.pi)
     met = np.round(turns)
-    off = 2 * np.pi * (turns - met) / np.sqrt(np.diagonal(phases.noise_covariance()))
+    # The points are a spacing apart, so a phase need not be met better than that.
+    off = 2 * np.pi * (turns - met) / np.hypot(phases.sigmas, _SPACING)
     cost = ((ecef_to_geodetic(points)[2] - height[:, None]) / sigma_height) ** 2 + (off**2).sum(axis=-1)
     cost = np.where(np.isfinite(cost), cost, np.inf)
     rows = np.arange(wrapped.shape[0])
@@ -187,7 +179,7 @@ def _least_squares(
     """Return position (..., 3), covariance and chi-square by Gauss-Newton; NaN where it does not converge."""
     w = whitener.matrix(None)
     position = np.where(np.isfinite(start), start, 1.0)
-    moving = np.isfinite(start).all(axis=-1)
+    moving = np.all(np.isfinite(start), axis=-1)
     settled = np.zeros_like(moving)
     for _ in range(_ITERATIONS):
         residual, rows, information = _normal(model, w, measured, platforms, position)

@@ -77,8 +77,7 @@ def starts_around(platforms: Array, height: Array, directions: int = 6) -> Array
     present = np.where(known[..., None], position, 0.0)
     middle = present.sum(axis=-2) / np.where(count > 0, count, np.nan)[..., None]
     reach = np.where(known, np.linalg.norm(present - middle[..., None, :], axis=-1), 0.0).max(axis=-1)
-    latitude, longitude, _ = ecef_to_geodetic(middle)
-    height = np.broadcast_to(height, latitude.shape)
+    latitude, longitude, reach, height = np.broadcast_arrays(*ecef_to_geodetic(middle)[:2], reach, height)
     above = geodetic_to_ecef(latitude, longitude, height)
 
     azimuth = 2 * np.pi * np.arange(directions) / directions

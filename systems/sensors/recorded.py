@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, NumericParameterIndex
 
-from systems.clocks import Times
+from systems.clocks import Merged, Times
 from systems.signals import EnsembleBlock
 
 __all__ = ["RecordedMeasurements", "Recording"]
@@ -36,6 +36,8 @@ class Recording:
     times, measurement, platforms, noise_covariance : ndarray
         The same with all axes: (samples,), (samples, trials, rows), (samples, 1 or trials, p, 6),
         (samples, trials, rows, rows) or None.
+    clock : Times
+        The samples as a clock.
 
     Raises
     ------
@@ -50,7 +52,8 @@ class Recording:
         platforms: ArrayLike,
         noise_covariance: ArrayLike | None = None,
     ) -> None:
-        self.times = Times(times).ticks(np.inf)
+        self.clock = Times(times)
+        self.times = self.clock.ticks(np.inf)
         samples = self.times.size
         self.measurement = np.array(measurement, dtype=float)
         if self.measurement.ndim == 2:
@@ -139,7 +142,8 @@ class RecordedMeasurements(EnsembleBlock):
             )
         self.recordings = list(recordings)
         self.trials, self.rows, self.platform_trials, self.platforms, noisy = layouts.pop()
-        self.clock = Times(np.unique(np.concatenate([recording.times for recording in recordings])))
+        # samples of two recordings that differ by rounding are one tick
+        self.clock = Times(Merged([recording.clock for recording in recordings]).ticks(np.inf))
 
         self._track = self.DeclareNumericParameter(BasicVector([0.0]))
         tickets = {self.time_ticket(), self.numeric_parameter_ticket(NumericParameterIndex(self._track))}
@@ -170,9 +174,10 @@ class RecordedMeasurements(EnsembleBlock):
             )
         mine = self.GetMyMutableContextFromRoot(root_context)
         mine.get_mutable_numeric_parameter(self._track).SetFromVector([float(recording)])
-        times = self.recordings[recording].times
-        root_context.SetTime(times[0])
-        return float(times[-1])
+        times, ticks = self.recordings[recording].times, self.clock.ticks(np.inf)
+        first, last = (ticks[self.clock.index(time)] for time in times[[0, -1]])
+        root_context.SetTime(first)
+        return float(last)
 
     def _serve(self, name: str, trials: int, size: int) -> None:
         gap = np.full((trials, size), np.nan)
@@ -186,6 +191,4 @@ class RecordedMeasurements(EnsembleBlock):
     def _find(self, context: Context) -> tuple[int, int | None]:
         """Return which recording plays, and which of its samples is now."""
         track = int(context.get_numeric_parameter(self._track).value()[0])
-        times, now = self.recordings[track].times, context.get_time()
-        k = int(np.searchsorted(times, now))
-        return track, k if k < times.size and times[k] == now else None
+        return track, self.recordings[track].clock.index(context.get_time())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import statistics
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -38,9 +39,14 @@ class Size:
         return 6.0 if self.tiny else 150.0
 
     @property
+    def slices(self) -> int:
+        """Turns that every peer has in a round."""
+        return 1 if self.tiny else 10
+
+    @property
     def seconds(self) -> float:
-        """A peer is repeated within a round until it has run this long [s]."""
-        return 0.0 if self.tiny else 1.0
+        """A peer repeats its work within one turn until it has run this long [s]."""
+        return 0.0 if self.tiny else 0.1
 
 
 @dataclass(frozen=True)
@@ -55,11 +61,14 @@ class Peer:
         Does all of the work once and returns its result.
     work : int
         Trials times steps in one run.
+    parts : sequence of callable
+        The same work in as many parts as a round has turns, for a peer whose run is too long for one turn.
     """
 
     name: str
     run: Callable[[], Any]
     work: int
+    parts: Sequence[Callable[[], Any]] = ()
 
 
 @dataclass
@@ -86,9 +95,10 @@ class Timing:
 def race(peers: Sequence[Peer], size: Size) -> dict[str, Timing]:
     """Time the peers in interleaved rounds.
 
-    Every peer first runs once untimed: caches fill, and its result can be held against the others'. In each round
-    every peer runs for at least ``size.seconds``; the order rotates from round to round. The garbage collector
-    stays on, as it is for users, but starts every measurement with nothing to do.
+    Every peer first runs once untimed: caches fill, and its result can be held against the others'. A round is
+    ``size.slices`` turns of every peer, one peer after the other, so that what else the machine does within a
+    second or so falls on all of them; the order rotates from turn to turn. The garbage collector stays on, as it is
+    for users, but starts every turn with nothing to do.
 
     Returns
     -------
@@ -96,16 +106,31 @@ def race(peers: Sequence[Peer], size: Size) -> dict[str, Timing]:
         By the peers' names.
     """
     timings = {peer.name: Timing(peer.run()) for peer in peers}
-    for turn in range(size.rounds):
-        for i in range(len(peers)):
-            peer = peers[(turn + i) % len(peers)]
-            gc.collect()
-            runs, begun = 0, time.perf_counter()
-            while runs == 0 or time.perf_counter() - begun < size.seconds:
-                peer.run()
-                runs += 1
-            timings[peer.name].costs.append((time.perf_counter() - begun) / (runs * peer.work))
+    for round_ in range(size.rounds):
+        seconds, runs = Counter[str](), Counter[str]()
+        for turn in range(size.slices):
+            for i in range(len(peers)):
+                peer = peers[(round_ + turn + i) % len(peers)]
+                elapsed, done = _turn(peer, turn, size)
+                seconds[peer.name] += elapsed
+                runs[peer.name] += done
+        for peer in peers:
+            timings[peer.name].costs.append(seconds[peer.name] / (runs[peer.name] * peer.work))
     return timings
+
+
+def _turn(peer: Peer, turn: int, size: Size) -> tuple[float, float]:
+    """Return the seconds of one turn, and how much of a whole run was done in it."""
+    gc.collect()
+    begun = time.perf_counter()
+    if peer.parts:
+        peer.parts[turn]()
+        return time.perf_counter() - begun, 1 / size.slices
+    runs = 0
+    while runs == 0 or time.perf_counter() - begun < size.seconds:
+        peer.run()
+        runs += 1
+    return time.perf_counter() - begun, runs
 
 
 def ratios(one: Timing, other: Timing) -> list[float]:

@@ -51,6 +51,8 @@ class Section:
         The table.
     notes : list of str
         What a reader needs to judge the numbers: what is the same, what differs.
+    judged : bool
+        False where the sizes are too small for thresholds to mean anything.
     missed : int
         Thresholds that were not met.
     """
@@ -59,11 +61,14 @@ class Section:
     columns: Sequence[str]
     rows: list[Sequence[str]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    judged: bool = True
     missed: int = 0
 
-    def judge(self, ratio: float, threshold: Threshold) -> str:
-        """Return the cell that says whether `ratio` meets `threshold`, and count it if not."""
-        met = threshold.met(ratio)
+    def judge(self, ratios: Sequence[float], threshold: Threshold) -> str:
+        """Return the cell that says whether the median of `ratios` meets `threshold`, and count it if not."""
+        if not self.judged:
+            return "not judged"
+        met = threshold.met(statistics.median(ratios))
         self.missed += not met
         return "met" if met else "NOT MET"
 

@@ -29,12 +29,15 @@ class SingleTarget:
         TDOA, FDOA and two-axis phase, as `three_satellite` has them; wavelength and baseline are read from it.
     platforms : ndarray, shape (3, 6)
         Satellites at this epoch, Earth-fixed.
+    speed : float
+        What turns metres into the unit of the TDOA: the speed of light for seconds; 1 leaves range differences [m].
     """
 
-    def __init__(self, stack: Stack, platforms: Array) -> None:
+    def __init__(self, stack: Stack, platforms: Array, speed: float = SPEED_OF_LIGHT) -> None:
         tdoa, fdoa, phase = stack.models
         assert isinstance(tdoa, Tdoa) and isinstance(fdoa, Fdoa) and isinstance(phase, InterferometerPhase)
         self._positions, self._velocities = platforms[:, :3].copy(), platforms[:, 3:].copy()
+        self._speed = speed
         self._per_wavelength = -fdoa.carrier / SPEED_OF_LIGHT
         self._axes = phase.body_axes(platforms)
 
@@ -49,7 +52,7 @@ class SingleTarget:
         """Return the measurement, shape (6,), of a state (6,)."""
         distance, direction, _, rate = self._sight(x)
         z = np.empty(6)
-        z[:2] = (distance[1:] - distance[0]) / SPEED_OF_LIGHT
+        z[:2] = (distance[1:] - distance[0]) / self._speed
         z[2:4] = self._per_wavelength * (rate[1:] - rate[0])
         z[4:] = self._axes @ direction[0]
         return z
@@ -60,7 +63,7 @@ class SingleTarget:
         turning = (velocity - rate[:, None] * direction) / distance[:, None]
         spread = direction[1:] - direction[0]
         rows = np.zeros((6, 6))
-        rows[:2, :3] = spread / SPEED_OF_LIGHT
+        rows[:2, :3] = spread / self._speed
         rows[2:4, :3] = self._per_wavelength * (turning[1:] - turning[0])
         rows[2:4, 3:] = self._per_wavelength * spread
         phase = self._axes @ direction[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +87,18 @@ class StoneSoup:
 
     def run(self) -> History:
         """Filter all trials."""
-        histories = [self._run_one(trial) for trial in range(self._recorded.trials)]
+        return self._run(range(self._recorded.trials))
+
+    def parts(self, count: int) -> list[Callable[[], History]]:
+        """Return `run` in parts, by trials; empty where that many equal parts are not to be had."""
+        trials = self._recorded.trials
+        if count == 1 or trials % count:
+            return []
+        share = trials // count
+        return [partial(self._run, range(first, first + share)) for first in range(0, trials, share)]
+
+    def _run(self, trials: range) -> History:
+        histories = [self._run_one(trial) for trial in trials]
         means, covariances = zip(*histories, strict=True)
         return np.array(means).swapaxes(0, 1)[..., 0], np.array(covariances).swapaxes(0, 1)
 

@@ -181,7 +181,7 @@ def test_curves_average_the_covariance_not_the_information():
 
 
 def test_speed_and_course_bounds_are_the_spread_of_small_errors():
-    times, truth, _ = passing(1, epochs=2)
+    truth = passing(1, epochs=2)[1]
     rng = np.random.default_rng(6)
     root = np.diag([1.0] * 3 + [0.3] * 3) + 0.1 * np.tril(rng.standard_normal((6, 6)))
     covariance = np.broadcast_to(root @ root.T, (1, 2, 6, 6))
@@ -282,8 +282,8 @@ def test_bounds_of_the_packaged_scenario_are_those_of_the_reference():
 def test_work_is_shared_by_estimators_that_are_alike(monkeypatch):
     times, truth, platforms = passing(epochs=3, step=1.0)
     calls = []
-    recursion = bounds._recursion
-    monkeypatch.setattr(bounds, "_recursion", lambda *args: calls.append(args) or recursion(*args))
+    steps = bounds.bound_steps
+    monkeypatch.setattr(bounds, "bound_steps", lambda *args: calls.append(args) or steps(*args))
     study = StudyBounds(wired(), times)
     study.add(truth, platforms)
     # iekf, ekf and ukf are one; three stacks of rows, each with the belief's and the truth's motion

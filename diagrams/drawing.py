@@ -1,0 +1,140 @@
+"""The block diagram as a picture: Drake's own Graphviz text, tidied, through ``dot`` or the package graphviz-pure."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sysconfig
+import tempfile
+from collections.abc import Collection
+from html import escape
+from pathlib import Path
+
+import pydot
+from pydrake.systems.framework import System
+
+from diagrams.errors import UserError
+
+__all__ = ["diagram_dot", "draw", "find_graphviz"]
+
+_FORMATS = (".svg", ".png")
+_FEEDBACK = 'color="#c00000", style=dashed, penwidth=1.8'
+_KNOWN_TO_ALL = 'color="#b0b0b0"'
+_STYLE = """ranksep=1.2
+nodesep=0.35
+fontname="Helvetica"
+node [fontname="Helvetica", fontsize=12]
+edge [arrowsize=0.7]
+"""
+
+
+def diagram_dot(diagram: System, dashed: Collection[tuple[str, str]] = (), header: str | None = None) -> str:
+    """Return a diagram as Graphviz text that reads well.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        What is drawn, one level deep; without recorders and loggers, which would double the picture.
+    dashed : collection of (str, str)
+        Feedback connections, as names of blocks (from, to): red and dashed.
+    header : str, optional
+        Title; by default the diagram's name.
+
+    Returns
+    -------
+    str
+        Names of blocks bold, their classes small; wires that carry ``platforms``, which nearly every block reads, grey.
+
+    Raises
+    ------
+    ValueError
+        If a feedback connection does not exist.
+    """
+    text = diagram.GetGraphvizString(max_depth=1)
+    blocks = {node: _block(body) for node, body in re.findall(r"^(s\d+) \[(.*?)^>\];", text, re.DOTALL | re.MULTILINE)}
+    left = set(dashed)
+
+    def style(edge: re.Match[str]) -> str:
+        start, end, port = edge["start"], edge["end"], edge["port"]
+        (source, _), (sink, inputs) = blocks.get(start, ("", {})), blocks.get(end, ("", {}))
+        if (source, sink) in dashed:
+            left.discard((source, sink))
+            return f"{edge[0]} [{_FEEDBACK}]"
+        return f"{edge[0]} [{_KNOWN_TO_ALL}]" if inputs.get(port) == "platforms" else edge[0]
+
+    text = re.sub(r"^(?P<start>s\d+):\w+:e -> (?P<end>s\d+):(?P<port>\w+):w$", style, text, flags=re.MULTILINE)
+    if left:
+        raise ValueError(f"dashed: there is no connection {' or '.join(f'{a} -> {b}' for a, b in sorted(left))}")
+    text = re.sub(
+        r"<B>(?P<class>[^<]*)</B><BR/>\nname=(?P<name>[^\n]*)",
+        lambda m: f'<B>{m["name"]}</B><BR/>\n<FONT POINT-SIZE="9" COLOR="#606060">{_short(m["class"])}</FONT>',
+        text,
+    )
+    title = f'<FONT POINT-SIZE="18"><B>{escape(header or diagram.get_name(), quote=False)}</B></FONT>'
+    text = re.sub(r"(?<=^label=)<<TABLE.*?</TABLE>>", lambda _: f"<{title}>", text, count=1, flags=re.DOTALL | re.M)
+    return text.replace("rankdir=LR\n", "rankdir=LR\n" + _STYLE, 1)
+
+
+def _block(body: str) -> tuple[str, dict[str, str]]:
+    """Return the name of a node and the names of its ports by Graphviz's port."""
+    name = re.search(r"^name=(.*)$", body, re.MULTILINE)
+    ports = dict(re.findall(r'<TD PORT="(\w+)"[^>]*>([^<]*)</TD>', body))
+    return (name[1] if name else ""), ports
+
+
+def _short(class_name: str) -> str:
+    return class_name.rpartition(".")[2]
+
+
+def find_graphviz() -> str:
+    """Return the program that draws: ``dot`` on the PATH, else ``graphviz-pure`` of this Python or on the PATH.
+
+    Raises
+    ------
+    UserError
+        If there is neither.
+    """
+    scripts = Path(sysconfig.get_path("scripts"))
+    found = shutil.which("dot") or shutil.which("graphviz-pure", path=str(scripts)) or shutil.which("graphviz-pure")
+    if found is None:
+        raise UserError("draw: neither dot (Graphviz) nor graphviz-pure is found; pip install graphviz-pure")
+    return found
+
+
+def draw(
+    diagram: System, path: Path | str, dashed: Collection[tuple[str, str]] = (), header: str | None = None
+) -> Path:
+    """Draw a diagram into a file.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        What is drawn.
+    path : path
+        Ends in ``.svg`` or ``.png``.
+    dashed, header
+        See `diagram_dot`.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    UserError
+        For another ending, or without a Graphviz.
+    """
+    target = Path(path)
+    if target.suffix.lower() not in _FORMATS:
+        raise UserError(f"draw: {target.name} is not allowed; a file name that ends in {' or '.join(_FORMATS)}")
+    text = diagram_dot(diagram, dashed, header)
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "diagram.dot").write_text(text, encoding="utf-8")
+        # pydot's parser would add nothing to the text, and takes longer than the drawing
+        arguments = [f"-T{target.suffix[1:].lower()}", "-o", "diagram.out", "diagram.dot"]
+        _, complaint, process = pydot.call_graphviz(find_graphviz(), arguments, folder)
+        if process.returncode != 0:
+            raise UserError(f"draw: {find_graphviz()} failed ({complaint.decode(errors='replace').strip()})")
+        target.write_bytes((Path(folder) / "diagram.out").read_bytes())
+    return target

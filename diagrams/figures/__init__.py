@@ -1,0 +1,49 @@
+"""Figures of a study; one file of functions per kind, `study_figures` draws them all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import xarray as xr
+
+from diagrams.figures.consistency import draw_consistency
+from diagrams.figures.convergence import draw_convergence
+from diagrams.figures.errors import draw_error, draw_percentiles
+from diagrams.figures.ground import draw_ground
+from diagrams.figures.style import save
+from diagrams.metrics import errors, rmse
+
+__all__ = ["study_figures"]
+
+
+def study_figures(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
+    """Draw and save the figures of a study as PNG.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A study's result; bounds and ``platforms`` are drawn where it has them.
+    folder : path
+        An existing folder.
+
+    Returns
+    -------
+    list of Path
+        ``error_position``, ``error_height``, ``error_speed``, ``error_course``, ``percentiles_position``, ``nees``,
+        ``nis``, ``ground``, ``convergence``, all ``.png``; without those whose numbers the result does not have.
+    """
+    target = Path(folder)
+    dataset = dataset.load()
+    error = errors(dataset)
+    written = []
+    for quantity in ("position", "height", "speed", "course"):
+        if quantity in error:
+            figure = draw_error(dataset, quantity, rmse(error[quantity]))
+            written.append(save(figure, target / f"error_{quantity}.png"))
+    written.append(save(draw_percentiles(dataset, error["position"]), target / "percentiles_position.png"))
+    for kind in ("nees", "nis"):
+        if dataset[kind].notnull().any():
+            written.append(save(draw_consistency(dataset, kind), target / f"{kind}.png"))
+    written.append(save(draw_ground(dataset), target / "ground.png"))
+    written.append(save(draw_convergence(dataset, rmse(error["position"])), target / "convergence.png"))
+    return written

@@ -1,0 +1,68 @@
+"""Whether the covariances can be believed: NEES and NIS with chi-square bands."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure, title
+from diagrams.metrics import nees_statistics, nis_statistics
+
+__all__ = ["draw_consistency"]
+
+_CONFIDENCE = 0.95
+
+
+def draw_consistency(dataset: xr.Dataset, kind: str) -> Figure:
+    """Draw NEES or NIS per degree of freedom against time, with the band of a consistent filter.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A study's result.
+    kind : {'nees', 'nis'}
+        Normalised estimation error squared, or normalised innovation squared.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure, axes = new_figure()
+    time = dataset["time"].values
+    if kind == "nees":
+        freedom = dataset.sizes["state"]
+        found = nees_statistics(dataset, _CONFIDENCE)
+        curve, lower, upper, one = found["mean"], found["lower"], found["upper"], float(freedom)
+        label = f"mean NEES over trials (consistent: {freedom})"
+    else:
+        found = nis_statistics(dataset, _CONFIDENCE)
+        curve, lower, upper, one = found["ratio"], found["lower"], found["upper"], 1.0
+        label = "sum of NIS / sum of degrees of freedom (consistent: 1)"
+    shown = looks(dataset)
+    _bands(axes, time, lower, upper)
+    axes.axhline(one, color="0.4", linewidth=1.0)
+    for name, look in shown.items():
+        values = curve.sel(estimator=name).values
+        axes.plot(time, np.where(np.isfinite(values), values, np.nan), label=name, **look.line())
+    finite = curve.values[np.isfinite(curve.values)]
+    if finite.size and finite.max() > 10 * one:
+        log_scale(axes)
+    axes.set(xlabel="time [s]", ylabel=label, xlim=(time[0], time[-1]))
+    grid(axes)
+    figure.suptitle(title(dataset))
+    legend_outside(figure, axes)
+    return figure
+
+
+def _bands(axes: Any, time: Any, lower: xr.DataArray, upper: xr.DataArray) -> None:
+    """Fill each different band once; the narrower ones (more degrees of freedom) lie darker inside the wider."""
+    drawn: list[Any] = []
+    for low, high in zip(lower.values, upper.values, strict=True):
+        if any(np.allclose(low, other, rtol=1e-9, equal_nan=True) for other in drawn):
+            continue
+        label = None if drawn else f"{100 * _CONFIDENCE:.0f} % band of a consistent filter"
+        axes.fill_between(time, low, high, color="0.6", alpha=0.25, linewidth=0, label=label)
+        drawn.append(low)

@@ -1,0 +1,361 @@
+"""Aircraft located by the times at which receivers on the ground hear their messages: LocaRDS.
+
+The receivers with GPS clocks that heard a message are its platforms: four time differences and the barometric altitude
+that the message reports. Every track is a run of one and the same diagram. The aircraft's own position, which it
+reports as well, is used for scoring and nowhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from rich.table import Table
+
+from diagrams.errors import choose
+from diagrams.locards_data import LocardsSet, Track, read_sets
+from diagrams.locards_scores import METHODS, Scores, score
+from diagrams.progress import Progress
+from diagrams.replay import Dataset
+from systems.estimators.arrival_gate import REFUSED, ArrivalGate
+from systems.estimators.base import Estimator, Wiring
+from systems.estimators.snapshot_start import SnapshotStart
+from systems.measurement.altitude import Altitude
+from systems.measurement.base import SPEED_OF_LIGHT
+from systems.measurement.refractivity import mean_refractivity
+from systems.measurement.stack import Stack
+from systems.measurement.tdoa import Tdoa
+from systems.motion.constant_velocity import WhiteNoiseAcceleration
+from systems.recorder import Recorder, record
+from systems.registry import ESTIMATORS, locate
+from systems.sensors.recorded import RecordedMeasurements, Recording
+
+__all__ = ["DATASET", "LocardsReplay", "Settings", "build", "recording", "replay_set"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the estimators believe, and what is tried out.
+
+    Parameters
+    ----------
+    estimator : str
+        Name in the registry.
+    sigma_tdoa_m : float
+        Standard deviation of a time difference, as a length [m]. The scatter about the aircraft's own positions is 38
+        to 45 m; that includes the age of those positions, and hides tails.
+    sigma_altitude_m : float
+        Of the barometric altitude taken for the height above the ellipsoid [m]. The two differ by the weather and by
+        the geoid: -100 to +220 m in these sets, by 110 to 130 m in the median.
+    acceleration_density_m2ps3 : float
+        White-noise acceleration [m^2/s^3].
+    sigma_velocity_mps : float
+        Of the velocity per axis at the start [m/s].
+    false_alarm : float
+        Of the gate.
+    gap_s : float
+        An aircraft that was silent for longer begins a new track, which is a run of its own [s]: after two minutes an
+        airliner may be 30 km from its first fix, as far as receivers are from each other, and an undamped iteration no
+        longer finds back from there.
+    air : bool
+        Correct for the refractive index of the air, which is worth 0.17 m per kilometre.
+    fault_m, fault_share : float
+        A second trial of every run hears the same messages with an error of so many metres, of either sign, at one
+        receiver of this share of the messages; 0: there is no such trial.
+    seed : int
+        Which messages and receivers.
+    """
+
+    estimator: str = "iekf"
+    sigma_tdoa_m: float = 40.0
+    sigma_altitude_m: float = 150.0
+    acceleration_density_m2ps3: float = 1.0
+    sigma_velocity_mps: float = 200.0
+    false_alarm: float = 1e-3
+    gap_s: float = 120.0
+    air: bool = True
+    fault_m: float = 3000.0
+    fault_share: float = 0.2
+    seed: int = 0
+
+    @property
+    def trials(self) -> int:
+        """As recorded, and with faults."""
+        return 2 if self.fault_share > 0 else 1
+
+
+def recording(track: Track, settings: Settings, rng: np.random.Generator | None = None) -> Recording:
+    """Return what a sensor would say: rows ``tdoa_10`` ... and ``altitude``.
+
+    Parameters
+    ----------
+    track : Track
+        Messages; what they say of the aircraft's position is not read.
+    settings : Settings
+        Air, faults.
+    rng : numpy.random.Generator, optional
+        Draws the faults; needed if there are any.
+    """
+    arrivals = track.arrivals[:, None].repeat(settings.trials, axis=1)
+    if settings.trials > 1 and rng is not None:
+        arrivals[:, 1] += _faults(track, settings, rng)
+    if settings.air:
+        n = 1 + np.nanmean(mean_refractivity(track.heights, track.altitude[:, None]), axis=1)
+        arrivals /= np.where(np.isfinite(n), n, 1.0)[:, None, None]
+    differences = arrivals[..., 1:] - arrivals[..., :1]
+    altitude = np.broadcast_to(track.altitude[:, None, None], (*differences.shape[:2], 1))
+    return Recording(track.times, np.concatenate([differences, altitude], axis=-1), track.platforms)
+
+
+def _faults(track: Track, settings: Settings, rng: np.random.Generator) -> Array:
+    messages, receivers = track.arrivals.shape
+    error = settings.fault_m / SPEED_OF_LIGHT * rng.choice([-1.0, 1.0], messages)
+    struck = rng.random(messages) < settings.fault_share
+    chosen = rng.integers(receivers, size=messages)
+    return np.where(struck, error, 0.0)[:, None] * (np.arange(receivers) == chosen[:, None])
+
+
+def split(track: Track, gap: float) -> list[Track]:
+    """Cut a track wherever the aircraft was silent for longer than `gap` seconds."""
+    cuts = [0, *(np.flatnonzero(np.diff(track.times) > gap) + 1), len(track.times)]
+    return [track.part(slice(a, b)) for a, b in pairwise(cuts)]
+
+
+@dataclass(frozen=True)
+class Built:
+    """The diagram of a set.
+
+    Attributes
+    ----------
+    diagram : Diagram
+    recorded : RecordedMeasurements
+        Where a run chooses its track.
+    recorder : Recorder
+        Signals ``gate``, ``no_gate`` (estimates) and ``excluded``.
+    """
+
+    diagram: Diagram
+    recorded: RecordedMeasurements
+    recorder: Recorder
+
+
+def build(recordings: Sequence[Recording], settings: Settings) -> Built:
+    """Wire recordings, gate and two estimators, one of them without the gate.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        See `recording`.
+    settings : Settings
+        What is believed.
+    """
+    builder = DiagramBuilder()
+    recorded = builder.AddSystem(RecordedMeasurements(recordings))
+    trials, platforms = recorded.trials, recorded.platforms
+    tdoa = Tdoa(settings.sigma_tdoa_m / SPEED_OF_LIGHT, range(1, platforms), correlated=True)
+    model = Stack([tdoa, Altitude(settings.sigma_altitude_m)])
+    gate = builder.AddSystem(
+        ArrivalGate(model, tdoa, trials, platforms, height="altitude", false_alarm=settings.false_alarm)
+    )
+    options = locate(ESTIMATORS[choose("estimator", settings.estimator, ESTIMATORS)])()
+    motion = WhiteNoiseAcceleration(settings.acceleration_density_m2ps3)
+
+    def estimator(name: str, gated: bool) -> Estimator:
+        start = SnapshotStart(model, model.names, settings.sigma_velocity_mps, "altitude", noise_port=gated)
+        wiring = Wiring(trials, model.names, recorded.clock, platforms, noise_port=gated)
+        return builder.AddSystem(options.make(name, model, motion, start, wiring))
+
+    guarded = estimator(settings.estimator, True)
+    bare = estimator(f"{settings.estimator}_no_gate", False)
+    carriers = recorded.GetOutputPort("platforms")
+    for block in (gate, guarded, bare):
+        builder.Connect(carriers, block.GetInputPort("platforms"))
+    for block in (gate, bare):
+        builder.Connect(recorded.GetOutputPort("measurement"), block.GetInputPort("measurement"))
+    for port in ("measurement", "noise_covariance"):
+        builder.Connect(gate.GetOutputPort(port), guarded.GetInputPort(port))
+    builder.Connect(gate.GetOutputPort("noise_covariance"), guarded.GetInputPort("start_noise_covariance"))
+    for port in ("prediction", "prediction_covariance"):
+        builder.Connect(guarded.GetOutputPort(port), gate.GetInputPort(port))
+    signals = {
+        "gate": guarded.GetOutputPort("estimate"),
+        "no_gate": bare.GetOutputPort("estimate"),
+        "excluded": gate.GetOutputPort("excluded"),
+    }
+    recorder = record(builder, signals, recorded.clock)
+    return Built(builder.Build(), recorded, recorder)
+
+
+def run_track(built: Built, track: int) -> dict[str, Array]:
+    """Run one track in a context of its own; return each signal at the track's messages, (messages, trials, size)."""
+    context = built.diagram.CreateDefaultContext()
+    end = built.recorded.select(context, track)
+    simulator = Simulator(built.diagram, context)
+    simulator.Initialize()
+    simulator.AdvanceTo(end)
+    times, signals = built.recorder.result(context)
+    clock = built.recorded.recordings[track].clock
+    mine = [clock.index(time) is not None for time in times]
+    return {name: values[mine] for name, values in signals.items()}
+
+
+def replay_set(data: LocardsSet, settings: Settings, bar: Progress | None = None, done: int = 0) -> Scores:
+    """Run all tracks of a set and score the estimates against the aircraft's own positions.
+
+    Parameters
+    ----------
+    data : LocardsSet
+        The set.
+    settings : Settings
+        What is believed, and what is tried out.
+    bar : Progress, optional
+        Is told how many messages are done, counted from `done`.
+    """
+    rng = np.random.default_rng(settings.seed)
+    parts, sizes = [], []
+    for track in data.tracks:
+        pieces = split(track, settings.gap_s)
+        parts += pieces
+        sizes += [len(track.times)] * len(pieces)
+    built = build([recording(part, settings, rng) for part in parts], settings)
+    scores = []
+    for i, (part, size) in enumerate(zip(parts, sizes, strict=True)):
+        signals = run_track(built, i)
+        refused = signals["excluded"][..., 0] == REFUSED
+        estimates = np.stack([signals["gate"], signals["no_gate"]])[..., :3]
+        estimates[0][refused] = np.nan
+        scores.append(score(part, size, estimates, signals["excluded"][..., 0]))
+        done += len(part.times)
+        if bar is not None:
+            bar.update(done)
+    return Scores.join(scores)
+
+
+@dataclass(frozen=True)
+class LocardsReplay:
+    """Scores of all sets; a `Replay`.
+
+    Attributes
+    ----------
+    settings : Settings
+    sets : list of LocardsSet
+    scores : list of Scores
+        One per set.
+    """
+
+    settings: Settings
+    sets: list[LocardsSet]
+    scores: list[Scores]
+
+    @property
+    def all(self) -> Scores:
+        """The messages of all sets."""
+        return Scores.join(self.scores)
+
+    def groups(self) -> list[tuple[str, str, dict[str, Any]]]:
+        """Return set, which aircraft and summary, of each row of the table."""
+        parts = [(data.name, 0, scores) for data, scores in zip(self.sets, self.scores, strict=True)]
+        parts.append(("all sets", 0, self.all))
+        if self.settings.trials > 1:
+            parts.append(("with faults", 1, self.all))
+        return [
+            (name, who, scores.summary(trial, which))
+            for name, trial, scores in parts
+            for who, which in (("all", None), (">= 5 messages", scores.many))
+        ]
+
+    def table(self) -> Table:
+        """See `Replay.table`."""
+        table = Table(title=f"LocaRDS: horizontal error of {self.settings.estimator} with / without the gate")
+        table.add_column("set")
+        table.add_column("aircraft")
+        for column in ("messages", "with a fix [%]", "50 % [m]", "90 % [m]", "95 % [m]", "99 % [m]"):
+            table.add_column(column, justify="right")
+        for name, who, row in self.groups():
+            pair = [row[method] for method in METHODS]
+            shares = " / ".join(
+                "-" if r["share_with_fix"] is None else f"{100 * r['share_with_fix']:.1f}" for r in pair
+            )
+            errors = [" / ".join(_metres(r[f"p{p}_m"]) for r in pair) for p in (50, 90, 95, 99)]
+            last = who != "all"
+            table.add_row(name if not last else "", who, str(row["messages"]), shares, *errors, end_section=last)
+        return table
+
+    def notes(self) -> list[str]:
+        """See `Replay.notes`."""
+        scores = self.all
+        aside, ahead = (np.abs(part[0, :, 0]) for part in (scores.across, scores.along))
+        lines = []
+        if np.isfinite(aside).any():
+            lines.append(
+                f"across the course: {np.nanmedian(aside):.0f} m (50 %), {np.nanpercentile(aside, 90):.0f} m (90 %); "
+                f"along it: {np.nanmedian(ahead):.0f} m, {np.nanpercentile(ahead, 90):.0f} m, "
+                f"{np.nanmedian(scores.along[0, :, 0]):+.0f} m on average (median): reported positions are old"
+            )
+        if self.settings.trials > 1:
+            lines.append(
+                f"with faults: {self.settings.fault_m:g} m at one receiver in {100 * self.settings.fault_share:g} % "
+                "of the messages"
+            )
+        return lines
+
+    def summary(self) -> dict[str, Any]:
+        """See `Replay.summary`."""
+        keys = {"all": "all_aircraft", ">= 5 messages": "five_messages_or_more"}
+        result: dict[str, Any] = {"settings": vars(self.settings), "sets": {}}
+        for name, who, row in self.groups():
+            place = result if name in ("all sets", "with faults") else result["sets"]
+            place.setdefault(name.replace(" ", "_"), {})[keys[who]] = row
+        return result
+
+    def draw(self, folder: Path) -> list[Path]:
+        """See `Replay.draw`."""
+        from diagrams.figures.locards import draw_errors, draw_map, draw_track_errors
+        from diagrams.figures.style import save
+
+        figures = {"errors": draw_errors(self), "along_across": draw_track_errors(self), "map": draw_map(self)}
+        return [save(figure, folder / f"{name}.png") for name, figure in figures.items()]
+
+
+def _metres(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0f}"
+
+
+def run(folder: Path, progress: bool = True, settings: Settings | None = None) -> LocardsReplay:
+    """Replay all sets of a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of ``sensors.csv`` and ``set_*.csv``.
+    progress : bool
+        Show a progress bar.
+    settings : Settings, optional
+        By default those documented there.
+    """
+    settings = settings or Settings()
+    sets = read_sets(folder)
+    sizes = [sum(len(track.times) for track in data.tracks) for data in sets]
+    scores = []
+    with Progress("locards", sum(sizes), progress) as bar:
+        for i, data in enumerate(sets):
+            scores.append(replay_set(data, settings, bar, sum(sizes[:i])))
+    return LocardsReplay(settings, sets, scores)
+
+
+DATASET = Dataset(
+    name="locards",
+    folder="locards_mlat",
+    source="LocaRDS, doi 10.3390/s21165516, https://zenodo.org/record/4739276 (these example files: lschoe/mpyc, "
+    "demos/data/mlat)",
+    run=run,
+)

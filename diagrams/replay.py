@@ -1,0 +1,147 @@
+"""Estimator blocks on recorded measurements: which recordings there are, where they lie, and what a replay gives."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from diagrams.errors import UserError, choose
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+__all__ = ["REPLAYS", "Dataset", "Replay", "data_folder", "replay"]
+
+REPLAYS: dict[str, str] = {
+    "locards": "diagrams.locards:DATASET",
+}
+"""Where each data set's `Dataset` is, as ``module:NAME``; a new replay is one line here."""
+
+
+class Replay(Protocol):
+    """What came out of a replay."""
+
+    def table(self) -> Table:
+        """Return the table that is printed."""
+
+    def notes(self) -> list[str]:
+        """Return lines for below the table."""
+
+    def summary(self) -> Mapping[str, Any]:
+        """Return numbers for ``summary.json``; null where undefined."""
+
+    def draw(self, folder: Path) -> list[Path]:
+        """Draw the figures into a folder and return their paths."""
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A recording that can be replayed.
+
+    Attributes
+    ----------
+    name : str
+        As on the command line.
+    folder : str
+        Its folder within the data folder.
+    source : str
+        Where anybody can get it.
+    run : callable
+        ``run(folder, progress) -> Replay``; `progress` shows a bar where that is wanted.
+    """
+
+    name: str
+    folder: str
+    source: str
+    run: Callable[[Path, bool], Replay]
+
+
+def data_folder(dataset: Dataset, data: Path | str | None) -> Path:
+    """Return the folder of a recording.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        The recording.
+    data : path, optional
+        The data folder, or the recording's own; without it the environment variable ``QUIETFIX_DATA``.
+
+    Raises
+    ------
+    UserError
+        If there is no such folder; it says how to name one and where the recording comes from.
+    """
+    named = data if data is not None else os.environ.get("QUIETFIX_DATA")
+    advice = (
+        f"name the folder that holds {dataset.folder} with --data DIR or in the environment variable QUIETFIX_DATA; "
+        f"source: {dataset.source}"
+    )
+    if not named:
+        raise UserError(f"data: no folder is given; {advice}")
+    folder = Path(named)
+    for candidate in (folder / dataset.folder, folder):
+        if candidate.name == dataset.folder and candidate.is_dir():
+            return candidate
+    raise UserError(f"data: {folder / dataset.folder} is not a folder; {advice}")
+
+
+def replay(
+    dataset: str, data: Path | str | None = None, out: Path | str | None = None, progress: bool = True
+) -> Replay:
+    """Run estimator blocks on a recording, print a table and, if asked, write figures and ``summary.json``.
+
+    Parameters
+    ----------
+    dataset : str
+        A name of `REPLAYS`.
+    data : path, optional
+        See `data_folder`.
+    out : path, optional
+        Folder for what is written; it is made if need be.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    Replay
+
+    Raises
+    ------
+    UserError
+        For an unknown data set, missing or broken data, or a folder that cannot be written.
+    """
+    from rich.console import Console
+
+    from systems.registry import locate
+
+    entry: Dataset = locate(REPLAYS[choose("dataset", dataset, REPLAYS)])
+    folder = data_folder(entry, data)
+    began = time.monotonic()
+    result = entry.run(folder, progress)
+    seconds = time.monotonic() - began
+    Console(soft_wrap=True).print(result.table())
+    for note in result.notes():
+        print(note)
+    if out is not None:
+        _write(result, Path(out), dataset, seconds)
+    return result
+
+
+def _write(result: Replay, out: Path, dataset: str, seconds: float) -> None:
+    try:
+        installed = version("quietfix")
+    except PackageNotFoundError:
+        installed = "0"
+    content = {"dataset": dataset, "version": installed, "run_seconds": round(seconds, 3), **result.summary()}
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        result.draw(out)
+        (out / "summary.json").write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise UserError(f"--out: {out} cannot be written ({error.strerror or error})") from error

@@ -1,0 +1,48 @@
+"""One study in a process of its own; prints what it took as one line of JSON.
+
+``python -m tests.benchmarks.one_study TRIALS SECONDS``; 0 trials only imports.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import sys
+import time
+from pathlib import Path
+
+from diagrams.study import run_study
+
+
+def peak_megabytes() -> float:
+    """Return the largest resident memory that this process has had [MB = 1e6 bytes].
+
+    Linux carries ``ru_maxrss`` of the parent over into a child, so the kernel's own mark of this process is read
+    where there is one.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        marks = [line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM:")]
+        if marks:
+            return int(marks[0]) * 1024 / 1e6
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
+def main() -> None:
+    """Run and report."""
+    trials, duration = int(sys.argv[1]), float(sys.argv[2])
+    report = {"seconds": 0.0, "estimators": 0, "steps": 0}
+    if trials:
+        begun = time.perf_counter()
+        result = run_study("three_satellite", trials=trials, set=[f"duration_s={duration}"])
+        report["seconds"] = time.perf_counter() - begun
+        report["estimators"] = result.sizes["estimator"]
+        report["steps"] = result.sizes["time"] - 1
+        assert result.sizes["trial"] == trials
+    report["megabytes"] = peak_megabytes()
+    print(json.dumps(report))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,226 @@
+"""What the laws are tested on: every measurement model, motion model, filter and estimator, and where.
+
+This is the one place to list a new model with an example of it; `test_completeness` fails for one that is missing.
+Estimators come from `systems.registry.ESTIMATORS`: a new line there is tested without a change here, except that
+an options class without usable defaults needs an example in `EXAMPLES`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from systems.estimators.custom import Custom
+from systems.estimators.iekf import Iekf
+from systems.estimators.ukf import Ukf
+from systems.filters.gaussian import GaussianFilter
+from systems.filters.iterated_extended import IteratedExtendedKalman
+from systems.filters.unscented import UnscentedKalman
+from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed
+from systems.measurement.altitude import Altitude
+from systems.measurement.base import SPEED_OF_LIGHT
+from systems.measurement.fdoa import Fdoa
+from systems.measurement.phase import InterferometerPhase
+from systems.measurement.stack import Stack
+from systems.measurement.tdoa import Tdoa
+from systems.motion.base import MotionModel
+from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
+from systems.motion.gravity import GravityConstants
+from systems.motion.kepler import KeplerElements, mean_motion, state_of
+from systems.registry import ESTIMATORS, locate
+
+# ------------------------------------------------------------------------------------------------ geometries
+
+_AXIS = 6378.137e3 + 700e3
+_INCLINATION = np.radians(60.0)
+_EARTH = GravityConstants()
+PASS = 150.0
+"""Length of a pass of the satellites [s]."""
+
+
+def satellites(time, formation="tri"):
+    """Return the Earth-fixed states of three satellites, shape (..., 3, 6); two-body orbits are enough here."""
+    time = np.asarray(time, dtype=float)
+    node = 69.28e3 / _AXIS / np.sin(_INCLINATION)
+    if formation == "tri":
+        nodes, latitudes = np.array([node, 0, 0]), np.array([-node * np.cos(_INCLINATION), -40e3 / _AXIS, 40e3 / _AXIS])
+    else:
+        nodes, latitudes = np.zeros(3), np.array([0, -80e3 / _AXIS, 80e3 / _AXIS])
+    latitudes = latitudes + mean_motion(_AXIS, _EARTH.mu) * time[..., None]
+    elements = KeplerElements(_AXIS, 0.0, _INCLINATION, nodes, 0.0, latitudes)
+    return inertial_to_earth_fixed(state_of(elements, _EARTH.mu), time[..., None])
+
+
+def place(along, cross, height=10e3, course=60.0, speed=300.0):
+    """Return a target's Earth-fixed state, (along, cross) metres from below satellite 0 at mid pass."""
+    state = satellites(PASS / 2)[0]
+    up = state[:3] / np.linalg.norm(state[:3])
+    forward = state[3:] - up * (up @ state[3:])
+    forward /= np.linalg.norm(forward)
+    a, c = np.asarray(along, dtype=float)[..., None] / 6378137.0, np.asarray(cross, dtype=float)[..., None] / 6378137.0
+    direction = np.cos(c) * (np.cos(a) * up + np.sin(a) * forward) + np.sin(c) * np.cross(forward, up)
+    latitude, longitude, _ = ecef_to_geodetic(6378137.0 * direction)
+    return geodetic_state(latitude, longitude, height, np.radians(course), speed)
+
+
+PLACES = {"(0,50)": (0e3, 50e3), "(0,300)": (0e3, 300e3), "(150,-500)": (150e3, -500e3), "(-300,700)": (-300e3, 700e3)}
+"""The reference's four places of the target, (along, cross) in metres."""
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Targets (k, 6) and the platforms (1, p, 6) that see them."""
+
+    targets: np.ndarray
+    platforms: np.ndarray
+
+
+def _over_satellites():
+    rng = np.random.default_rng(1)
+    targets = place(*np.array(list(PLACES.values())).T)
+    more = place(*rng.uniform(-800e3, 800e3, (2, 8)), rng.uniform(0, 12e3, 8), rng.uniform(0, 360, 8), 250.0)
+    return Geometry(np.concatenate([targets, more]), satellites(PASS / 2)[None])
+
+
+def _over_stations():
+    rng = np.random.default_rng(2)
+    latitude, longitude = np.radians(49.0), np.radians(8.0)
+
+    def around(n, reach):
+        return latitude + rng.uniform(-reach, reach, n) / 6.37e6, longitude + rng.uniform(-reach, reach, n) / 4.2e6
+
+    stations = geodetic_state(*around(5, 60e3), rng.uniform(0, 500, 5), 0.0, 0.0)
+    targets = geodetic_state(
+        *around(12, 80e3), rng.uniform(1e3, 12e3, 12), rng.uniform(0, 6.28, 12), rng.uniform(60, 300, 12), 5.0
+    )
+    return Geometry(targets, stations[None])
+
+
+GEOMETRIES = {"satellites": _over_satellites(), "stations": _over_stations()}
+
+# ---------------------------------------------------------------------------------------- measurement models
+
+CARRIER = 3e9
+WAVELENGTH = SPEED_OF_LIGHT / CARRIER
+
+
+def tdoa(**options):
+    """Return the TDOA model of the three satellites, 20 ns."""
+    return Tdoa(20e-9, **options)
+
+
+def fdoa(**options):
+    """Return their FDOA model, 1 Hz."""
+    return Fdoa(1.0, CARRIER, **options)
+
+
+def phase(**options):
+    """Return the two-axis phase of satellite 0, 15 degrees, 3 m."""
+    return InterferometerPhase(np.radians(15.0), 3.0, WAVELENGTH, **options)
+
+
+def six():
+    """Return the stack of all six rows of three_satellite."""
+    return Stack([tdoa(), fdoa(), phase()])
+
+
+_STATIONS = {"receivers": (1, 2, 3, 4), "reference": 0}
+
+MEASUREMENTS = {
+    "tdoa": (tdoa(), "satellites"),
+    "tdoa, correlated": (tdoa(correlated=True), "satellites"),
+    "tdoa, light time": (tdoa(light_time=True), "satellites"),
+    "tdoa, other reference": (tdoa(receivers=(0, 2), reference=1), "satellites"),
+    "fdoa": (fdoa(), "satellites"),
+    "fdoa, correlated": (fdoa(correlated=True), "satellites"),
+    "fdoa, paper sign": (fdoa(paper_sign=True), "satellites"),
+    "fdoa, light time": (fdoa(light_time=True), "satellites"),
+    "fdoa, light time, paper sign": (fdoa(light_time=True, paper_sign=True), "satellites"),
+    "phase": (phase(), "satellites"),
+    "phase, wrapped": (phase(wrapped=True), "satellites"),
+    "phase b": (phase(axes=["b"]), "satellites"),
+    "altitude": (Altitude(50.0), "satellites"),
+    "all six": (six(), "satellites"),
+    "all six, wrapped, correlated, light time": (
+        Stack(
+            [tdoa(correlated=True, light_time=True), fdoa(correlated=True, light_time=True), phase(wrapped=True)],
+        ),
+        "satellites",
+    ),
+    "stack of stacks": (Stack([Stack([tdoa(correlated=True), phase(wrapped=True)]), Altitude(3e3)]), "satellites"),
+    "tdoa, stations": (Tdoa(50e-9, correlated=True, **_STATIONS), "stations"),
+    "tdoa, stations, light time": (Tdoa(50e-9, light_time=True, **_STATIONS), "stations"),
+    "fdoa, stations": (Fdoa(1.0, 1.09e9, **_STATIONS), "stations"),
+    "altitude, stations": (Altitude(30.0), "stations"),
+    "tdoa and altitude, stations": (
+        Stack([Tdoa(50e-9, correlated=True, **_STATIONS), Altitude(30.0, "barometric")]),
+        "stations",
+    ),
+}
+"""Every measurement model, in every option that changes its mathematics: model and geometry."""
+
+
+# --------------------------------------------------------------------------------------------- motion models
+
+
+class Turning(MotionModel):
+    """A turn at a rate that is part of the state: a motion that is not linear, for filters that must cope."""
+
+    names = ("x", "y", "heading", "rate")
+    units = ("m", "m", "rad", "rad/s")
+    speed = 100.0
+
+    def propagate(self, state, dt):
+        x, y, heading, rate = np.moveaxis(state, -1, 0)
+        along = self.speed * dt
+        return np.stack([x + along * np.cos(heading), y + along * np.sin(heading), heading + rate * dt, rate], axis=-1)
+
+    def transition(self, state, dt):
+        phi = np.zeros((*state.shape, 4)) + np.eye(4)
+        phi[..., 0, 2] = -self.speed * dt * np.sin(state[..., 2])
+        phi[..., 1, 2] = self.speed * dt * np.cos(state[..., 2])
+        phi[..., 2, 3] = dt
+        return phi
+
+    def process_noise(self, state, dt):
+        return np.diag([1.0, 1.0, 1e-4, 1e-4]) * dt
+
+
+_STATE = np.array([6.4e6, -1e5, 2e5, 250.0, -120.0, 30.0])
+MOTIONS = {
+    "constant velocity": (ConstantVelocity(0.1), _STATE + np.arange(5)[:, None] * [1e5, 2e4, -3e4, 10, 20, 30]),
+    "constant velocity, standing still": (ConstantVelocity(0.0), _STATE[None]),
+    "constant velocity, one axis": (ConstantVelocity(2.0, axes=1), np.array([[3e3, 20.0], [-1e3, 5.0]])),
+    "white noise acceleration": (WhiteNoiseAcceleration(0.5), _STATE[None]),
+    "white noise acceleration, plane": (WhiteNoiseAcceleration(0.5, axes=2), np.array([[1e3, -2e3, 10.0, 20.0]])),
+    "turning": (Turning(), np.array([[10.0, 20.0, 0.3, 0.01], [-5e3, 1e3, -2.0, 0.05]])),
+}
+"""Every motion model: model and example states (k, n)."""
+
+# ---------------------------------------------------------------------------------------- filters, estimators
+
+FILTERS: dict[str, GaussianFilter] = {
+    "ekf": IteratedExtendedKalman(max_iterations=1),
+    "iekf": IteratedExtendedKalman(),
+    "iekf, five iterations": IteratedExtendedKalman(5, 1e-300),
+    "ukf": UnscentedKalman(),
+    "ukf, alpha 0.5, beta 2": UnscentedKalman(0.5, 2.0, 0.0),
+    "ukf, kappa": UnscentedKalman(1.0, 2.0, -3.0),
+    "ukf, alpha 0.1": UnscentedKalman(0.1, 2.0, 0.0),
+}
+"""Every Gaussian filter, as bare functions."""
+
+EXAMPLES = {
+    "custom": [Custom(class_="systems.filters.iterated_extended:IteratedExtendedKalman")],
+    "iekf": [Iekf(), Iekf(max_iterations=3, tolerance=1.0)],
+    "ukf": [Ukf(), Ukf(alpha=0.5, beta=2.0, kappa=1.0)],
+}
+"""Options of registered estimators where the defaults are not enough, or are not all."""
+
+
+def estimators():
+    """Return options of every registered estimator, by a readable name."""
+    cases = {}
+    for name, path in ESTIMATORS.items():
+        for i, options in enumerate(EXAMPLES.get(name) or [locate(path)()]):
+            cases[f"{name} {i}" if i else name] = options
+    return cases

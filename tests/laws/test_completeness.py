@@ -1,0 +1,57 @@
+"""Nothing escapes the laws: every model, filter and estimator that exists is listed in `tests.laws.cases`."""
+
+import importlib
+import inspect
+import pkgutil
+
+import pytest
+
+import systems.filters
+import systems.measurement
+import systems.motion
+from systems.estimators.base import Estimator
+from systems.filters.gaussian import GaussianFilter
+from systems.measurement.base import MeasurementModel
+from systems.measurement.stack import Stack
+from systems.motion.base import MotionModel
+from systems.registry import ESTIMATORS
+from tests.laws.cases import FILTERS, MEASUREMENTS, MOTIONS, estimators
+from tests.laws.rig import make
+
+
+def classes(package, base):
+    """Every public concrete subclass of `base` in the modules of `package`."""
+    found = set()
+    for info in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        for name, kind in inspect.getmembers(importlib.import_module(info.name), inspect.isclass):
+            if issubclass(kind, base) and not inspect.isabstract(kind) and not name.startswith("_"):
+                found.add(kind)
+    return found
+
+
+def parts(model):
+    """A stack and what is in it."""
+    return {type(model)}.union(*(parts(part) for part in model.models)) if isinstance(model, Stack) else {type(model)}
+
+
+@pytest.mark.parametrize(
+    ("package", "base", "listed"),
+    [
+        (systems.measurement, MeasurementModel, set().union(*(parts(model) for model, _ in MEASUREMENTS.values()))),
+        (systems.motion, MotionModel, {type(model) for model, _ in MOTIONS.values()}),
+        (systems.filters, GaussianFilter, {type(algorithm) for algorithm in FILTERS.values()}),
+    ],
+    ids=["measurement", "motion", "filters"],
+)
+def test_every_class_is_listed(package, base, listed):
+    found = classes(package, base)
+    assert found, "nothing found: the walk is broken"
+    missing = sorted(kind.__name__ for kind in found - listed)
+    assert not missing, f"add an example of {missing} to tests/laws/cases.py"
+
+
+def test_every_registered_estimator_is_tried():
+    cases = estimators()
+    assert {name.split()[0] for name in cases} == set(ESTIMATORS)
+    for name, options in cases.items():
+        assert isinstance(make(name, options), Estimator)
