@@ -72,6 +72,8 @@ def diagram_dot(diagram: System, dashed: Collection[tuple[str, str]] = (), heade
     )
     title = f'<FONT POINT-SIZE="18"><B>{escape(header or diagram.get_name(), quote=False)}</B></FONT>'
     text = re.sub(r"(?<=^label=)<<TABLE.*?</TABLE>>", lambda _: f"<{title}>", text, count=1, flags=re.DOTALL | re.M)
+    # the margin keeps feedback, which goes around the outermost blocks, inside the frame
+    text = text.replace("concentrate=true\n", "concentrate=true\nmargin=20\n", 1)
     return text.replace("rankdir=LR\n", "rankdir=LR\n" + _STYLE, 1)
 
 
@@ -135,6 +137,7 @@ def draw(
         arguments = [f"-T{target.suffix[1:].lower()}", "-o", "diagram.out", "diagram.dot"]
         _, complaint, process = pydot.call_graphviz(find_graphviz(), arguments, folder)
         if process.returncode != 0:
-            raise UserError(f"draw: {find_graphviz()} failed ({complaint.decode(errors='replace').strip()})")
+            words = complaint if isinstance(complaint, str) else bytes(complaint).decode(errors="replace")
+            raise UserError(f"draw: {find_graphviz()} failed ({words.strip()})")
         target.write_bytes((Path(folder) / "diagram.out").read_bytes())
     return target

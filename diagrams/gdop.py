@@ -303,6 +303,7 @@ def gdop_figures(scenario: Scenario, folder: Path | str, progress: bool = True) 
 
 def _print_areas(dataset: xr.Dataset) -> None:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table(
@@ -314,7 +315,7 @@ def _print_areas(dataset: xr.Dataset) -> None:
     limits = [("position", limit) for limit in POSITION_LIMITS] + [("height", limit) for limit in HEIGHT_LIMITS]
     titles = [f"{quantity}\n{limit / 1e3:g} km" for quantity, limit in limits]
     for title in ("visible", *titles, "centre, position\nand height [km]"):
-        table.add_column(title, justify="right", no_wrap=True)
+        table.add_column(escape(title), justify="right", no_wrap=True)
     for name, row in gdop_areas(dataset).items():
         cells: list[Any] = [f"{row['visible']:.2f}"]
         cells += [f"{row[f'{quantity}_below_{limit:.0f}_m']:.2f}" for quantity, limit in limits]

@@ -41,6 +41,8 @@ __all__ = ["DATASET", "LocardsReplay", "Settings", "build", "recording", "replay
 
 Array = NDArray[np.float64]
 
+_EVERY, _MANY = "all", ">= 5 msg."
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -270,47 +272,48 @@ class LocardsReplay:
         return [
             (name, who, scores.summary(trial, which))
             for name, trial, scores in parts
-            for who, which in (("all", None), (">= 5 messages", scores.many))
+            for who, which in ((_EVERY, None), (_MANY, scores.many))
         ]
 
     def table(self) -> Table:
         """See `Replay.table`."""
-        table = Table(title=f"LocaRDS: horizontal error of {self.settings.estimator} with / without the gate")
+        table = Table(title=f"LocaRDS: horizontal error [m] of {self.settings.estimator}, with / without the gate")
         table.add_column("set")
         table.add_column("aircraft")
-        for column in ("messages", "with a fix [%]", "50 % [m]", "90 % [m]", "95 % [m]", "99 % [m]"):
-            table.add_column(column, justify="right")
+        for column in ("messages", "with fix [%]", "50 %", "90 %", "99 %"):
+            table.add_column(column, justify="right", no_wrap=True)
         for name, who, row in self.groups():
             pair = [row[method] for method in METHODS]
             shares = " / ".join(
                 "-" if r["share_with_fix"] is None else f"{100 * r['share_with_fix']:.1f}" for r in pair
             )
-            errors = [" / ".join(_metres(r[f"p{p}_m"]) for r in pair) for p in (50, 90, 95, 99)]
-            last = who != "all"
-            table.add_row(name if not last else "", who, str(row["messages"]), shares, *errors, end_section=last)
+            errors = [" / ".join(_metres(r[f"p{p}_m"]) for r in pair) for p in (50, 90, 99)]
+            last = who != _EVERY
+            table.add_row("" if last else name, who, str(row["messages"]), shares, *errors, end_section=last)
         return table
 
     def notes(self) -> list[str]:
         """See `Replay.notes`."""
         scores = self.all
         aside, ahead = (np.abs(part[0, :, 0]) for part in (scores.across, scores.along))
-        lines = []
+        lines = [">= 5 msg.: aircraft with at least five messages in their set"]
         if np.isfinite(aside).any():
             lines.append(
-                f"across the course: {np.nanmedian(aside):.0f} m (50 %), {np.nanpercentile(aside, 90):.0f} m (90 %); "
-                f"along it: {np.nanmedian(ahead):.0f} m, {np.nanpercentile(ahead, 90):.0f} m, "
-                f"{np.nanmedian(scores.along[0, :, 0]):+.0f} m on average (median): reported positions are old"
+                f"with the gate, across the course: {np.nanmedian(aside):.0f} m (50 %), "
+                f"{np.nanpercentile(aside, 90):.0f} m (90 %); along it: {np.nanmedian(ahead):.0f} m, "
+                f"{np.nanpercentile(ahead, 90):.0f} m, and {np.nanmedian(scores.along[0, :, 0]):+.0f} m in the median: "
+                "the positions that aircraft report are old"
             )
         if self.settings.trials > 1:
             lines.append(
-                f"with faults: {self.settings.fault_m:g} m at one receiver in {100 * self.settings.fault_share:g} % "
-                "of the messages"
+                f"with faults: {self.settings.fault_m:g} m added at one receiver in "
+                f"{100 * self.settings.fault_share:g} % of the messages"
             )
         return lines
 
     def summary(self) -> dict[str, Any]:
         """See `Replay.summary`."""
-        keys = {"all": "all_aircraft", ">= 5 messages": "five_messages_or_more"}
+        keys = {_EVERY: "all_aircraft", _MANY: "five_messages_or_more"}
         result: dict[str, Any] = {"settings": vars(self.settings), "sets": {}}
         for name, who, row in self.groups():
             place = result if name in ("all sets", "with faults") else result["sets"]

@@ -34,6 +34,8 @@ class Scores:
         Unit vector of the course (east, north); NaN where no other position is near enough in time.
     excluded : ndarray, shape (messages, trials)
         What the gate left out, see `ArrivalGate`.
+    place : ndarray, shape (messages, 2)
+        Latitude and longitude that the aircraft reported [rad].
     known : ndarray of bool, shape (messages,)
         Whether the aircraft has reported a position.
     size : ndarray of int, shape (messages,)
@@ -43,6 +45,7 @@ class Scores:
     error: Array
     heading: Array
     excluded: Array
+    place: Array
     known: NDArray[np.bool_]
     size: NDArray[np.int_]
 
@@ -143,4 +146,6 @@ def score(track: Track, size: int, estimates: Array, excluded: Array) -> Scores:
     place = geodetic_to_ecef(latitude, longitude, np.where(np.isfinite(height), height, track.altitude))
     local = np.einsum("mij,kmtj->kmti", enu_rotation(latitude, longitude), estimates - place[:, None])
     known = np.isfinite(place).all(axis=-1)
-    return Scores(local[..., :2], headings(track), excluded, known, np.full(len(track.times), size))
+    return Scores(
+        local[..., :2], headings(track), excluded, track.reported[:, :2], known, np.full(len(track.times), size)
+    )

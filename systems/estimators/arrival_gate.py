@@ -169,7 +169,7 @@ class ArrivalGate(EnsembleBlock):
             return measurement, noise, np.full((self.trials, 1), float(KEPT))
         platforms = self.read(context, "platforms").reshape(-1, self._platforms, 6)
         case = np.full(self.trials, -1)
-        if self._states:
+        if self._states and np.isfinite(self.read(context, "prediction")).any():
             case = self._with_prediction(context, measurement, platforms)
         if (case < 0).any():
             case = np.where(case < 0, self._alone(measurement, platforms), case)

@@ -9,7 +9,6 @@ shortest Newton step :math:`G^T (G G^T)^{-1} r`.
 
 from __future__ import annotations
 
-
 import numpy as np
 from numpy.typing import NDArray
 

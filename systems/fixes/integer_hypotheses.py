@@ -106,7 +106,8 @@ def integer_hypotheses(
         axis=-1,
     )
     position, covariance, cost = _least_squares(stack, whitener, measured, platforms[:, None], start)
-    log_weight = 0.5 * (np.linalg.slogdet(covariance)[1] - cost)
+    with np.errstate(invalid="ignore"):  # NaN where there is no hypothesis
+        log_weight = 0.5 * (np.linalg.slogdet(covariance)[1] - cost)
     log_weight = np.where(np.isfinite(log_weight), log_weight, -np.inf)
     best = log_weight.max(axis=-1, keepdims=True)
     weight = np.where(np.isfinite(best), np.exp(log_weight - np.where(np.isfinite(best), best, 0.0)), 0.0)

@@ -24,9 +24,9 @@ __all__ = ["SnapshotFix", "snapshot_fix", "starts_around"]
 
 Array = NDArray[np.float64]
 
-_ITERATIONS = 60
+_ITERATIONS = 25  # a start that is not there by then is lost; half of them need four
 _CONVERGED = 1e-8  # predicted decrease of the cost: a step of 1e-4 standard deviations
-_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-12, 1e12
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 0.1, 1e-12, 1e12
 _GAUSS_NEWTON = 1e-2  # a short step counts as convergence only if damping did not make it short
 _RANK = 1e-12  # smallest eigenvalue of the information, scaled to unit diagonal
 

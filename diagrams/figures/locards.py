@@ -1,0 +1,113 @@
+"""Figures of the LocaRDS replay."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from diagrams.figures.style import grid, legend_outside, new_figure
+from systems.frames import ecef_to_geodetic
+
+if TYPE_CHECKING:
+    from diagrams.locards import LocardsReplay
+
+__all__ = ["draw_errors", "draw_map", "draw_track_errors"]
+
+Array = NDArray[np.float64]
+
+_COLOURS = ("#0072b2", "#d55e00")  # with and without the gate
+_LABELS = ("with the gate", "without")
+_CRUISE = 230.0  # m/s
+
+
+def draw_errors(result: LocardsReplay) -> Figure:
+    """Draw which share of the messages has a fix that is no further off than so much.
+
+    Left: as recorded; right, if there is that trial: with faults. A curve ends below 100 % where messages have no fix.
+    """
+    trials = result.settings.trials
+    figure, axes = new_figure(columns=trials, sharey=True, squeeze=False)
+    scores = result.all
+    titles = (
+        "as recorded",
+        f"{result.settings.fault_m / 1e3:g} km added at one receiver in {100 * result.settings.fault_share:g} %",
+    )
+    for trial, (panel, title) in enumerate(zip(axes[0], titles, strict=False)):
+        for who, which, width, dash in (
+            ("all aircraft", scores.known, 2.6, "-"),
+            ("at least 5 messages", scores.known & scores.many, 1.6, (0, (5, 2))),
+        ):
+            for k, label in reversed(list(enumerate(_LABELS))):
+                error, share = _distribution(scores.horizontal[k, which, trial])
+                panel.step(error, share, where="post", color=_COLOURS[k], lw=width, ls=dash, label=f"{who}, {label}")
+        panel.set(xscale="log", xlim=(3, 3e4), ylim=(0, 101), title=title, xlabel="horizontal error [m]")
+        panel.axhline(90, color="0.6", lw=0.8)
+        grid(panel)
+    axes[0, 0].set_ylabel("messages with a fix at least so good [%]")
+    figure.suptitle(f"LocaRDS: {result.settings.estimator} against the position that the aircraft reports")
+    legend_outside(figure, axes[0, 0])
+    return figure
+
+
+def _distribution(error: Array) -> tuple[Array, Array]:
+    """Return sorted errors and the share of all messages, those without a fix included [%]."""
+    found = np.sort(error[np.isfinite(error)])
+    return found, 100 * np.arange(1, found.size + 1) / max(error.size, 1)
+
+
+def draw_track_errors(result: LocardsReplay) -> Figure:
+    """Draw the errors along and across the course, as recorded and with the gate.
+
+    A position that is reported late lies behind the aircraft: the error is then ahead, and the scale at the top says
+    how late at 230 m/s.
+    """
+    scores = result.all
+    ahead, aside = scores.along[0, :, 0], scores.across[0, :, 0]
+    figure, (left, right) = new_figure(columns=2)
+    left.plot(aside, ahead, ".", color=_COLOURS[0], ms=5, alpha=0.6)
+    left.axhline(0, color="0.4", lw=0.8)
+    left.axvline(0, color="0.4", lw=0.8)
+    left.set(xlim=(-450, 450), ylim=(-450, 450), aspect="equal")
+    left.set(xlabel="across the course, to the right [m]", ylabel="along the course, ahead [m]")
+    grid(left)
+    edges = np.arange(-450, 451, 25.0)
+    for part, color, label in ((ahead, _COLOURS[0], "along"), (aside, "0.55", "across")):
+        right.hist(part[np.isfinite(part)], edges, histtype="step", lw=2.2, color=color, label=label)
+    right.set(xlabel="error [m]", ylabel="messages")
+    late = right.secondary_xaxis("top", functions=(lambda m: m / _CRUISE, lambda s: s * _CRUISE))
+    late.set_xlabel(f"age of the reported position at {_CRUISE:g} m/s [s]")
+    right.legend(frameon=False)
+    grid(right)
+    figure.suptitle("LocaRDS: error along and across the course, with the gate")
+    return figure
+
+
+def draw_map(result: LocardsReplay) -> Figure:
+    """Draw receivers, and where the messages were sent, coloured by the error of the fix, as recorded and gated."""
+    figure, axes = new_figure(height=8)
+    scores = result.all
+    tracks = [track for data in result.sets for track in data.tracks]
+    stations = np.concatenate([track.platforms[..., :3].reshape(-1, 3) for track in tracks])
+    latitude, longitude, _ = ecef_to_geodetic(np.unique(stations[np.isfinite(stations).all(axis=-1)], axis=0))
+    receivers = np.degrees(np.stack([longitude, latitude]))
+    place, error = np.degrees(scores.place[:, ::-1].T), scores.horizontal[0, :, 0]
+    missed = scores.known & ~np.isfinite(error)
+    dots = axes.scatter(*place, c=error, s=16, cmap="viridis_r", norm=LogNorm(10, 1000))
+    axes.plot(*place[:, missed], "x", color="#d55e00", ms=8, mew=2, label="message without a fix")
+    axes.plot(*receivers, "^", color="black", ms=8, label="receiver")
+    axes.set(xlabel="longitude [deg]", ylabel="latitude [deg]")
+    axes.set_aspect(1 / np.cos(np.radians(np.nanmean(place[1]))), adjustable="datalim")
+    # most is in one region; receivers and aircraft far from it would shrink it to a spot
+    for limits, values in ((axes.set_xlim, place[0]), (axes.set_ylim, place[1])):
+        low, high = np.nanpercentile(values, [5, 100])
+        limits(low - 1, high + 0.5)
+    grid(axes)
+    axes.legend(loc="lower right")
+    bar = figure.colorbar(dots, ax=axes, extend="both", label="horizontal error [m]")
+    bar.set_ticks([10, 30, 100, 300, 1000], labels=["10", "30", "100", "300", "1000"])
+    figure.suptitle("LocaRDS: where the messages were sent, and how far off the fixes are")
+    return figure

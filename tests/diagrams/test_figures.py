@@ -1,0 +1,121 @@
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from diagrams.figures import study_figures
+from diagrams.figures.consistency import draw_consistency
+from diagrams.figures.convergence import draw_convergence
+from diagrams.figures.errors import draw_error
+from diagrams.figures.ground import draw_ground
+from diagrams.figures.style import looks
+from diagrams.metrics import BOUNDS, convergence_time, errors, rmse
+from systems.frames import geodetic_state
+from systems.motion.great_circle import straight_line
+from tests.diagrams.results import result
+
+ALL = {
+    "error_position.png",
+    "error_height.png",
+    "error_speed.png",
+    "error_course.png",
+    "percentiles_position.png",
+    "nees.png",
+    "nis.png",
+    "ground.png",
+    "convergence.png",
+}
+
+
+def full_result(**keywords):
+    """A result with bounds and carriers."""
+    data = result(**keywords)
+    time = data["time"].values
+    curve = 500 / (1 + time / 20)
+    for name in BOUNDS:
+        scale = 0.8 if name.startswith("bound_truth") else 1.0
+        data[name] = (("estimator", "time"), np.array([scale * curve] * (data.sizes["estimator"] - 1) + [2 * curve]))
+    starts = geodetic_state(np.radians([1.0, 1.5]), np.radians([2.0, 2.5]), 700e3, np.radians(30.0), 7000.0)
+    return data.assign(platforms=(("time", "platform", "coordinate"), straight_line(starts, time[:, None])))
+
+
+def test_all_figures_are_written_at_1200_pixels(tmp_path):
+    written = study_figures(full_result(), tmp_path)
+    assert {path.name for path in written} == ALL == {path.name for path in tmp_path.iterdir()}
+    for path in written:
+        width = int.from_bytes(path.read_bytes()[16:20], "big")
+        assert width == 1200
+    assert plt.get_fignums() == []
+
+
+def test_a_result_without_velocity_bounds_carriers_or_nis(tmp_path):
+    data = result(trials=1).isel(state=slice(0, 3))
+    data["nis"][:] = np.nan
+    written = study_figures(data, tmp_path)
+    assert {path.name for path in written} == ALL - {"error_speed.png", "error_course.png", "nis.png"}
+
+
+def test_lost_trials_and_trials_with_their_own_truth(tmp_path):
+    data = full_result(trials=4)
+    data["estimate"][0, 1, 5:] = np.nan
+    data["nees"][0, 1, 5:] = np.nan
+    data["estimate"][1] = np.nan  # nothing left of this one
+    truth = np.broadcast_to(data["truth"].values, (4, *data["truth"].shape)).copy()
+    truth[2, 3] = np.nan
+    data = data.assign(truth=(("trial", "time", "state"), truth))
+    assert {path.name for path in study_figures(data, tmp_path)} == ALL
+    data = data.assign(platforms=data["platforms"].expand_dims(trial=4))
+    assert draw_ground(data).axes[0].lines
+    figure = draw_error(data, "position", rmse(errors(data)["position"]))
+    assert any("infinite at" in text.get_text() for text in figure.legends[0].get_texts())
+
+
+def test_errors_are_drawn_as_they_are():
+    data = full_result(names=("iekf", "ukf", "other"))
+    curve = rmse(errors(data)["position"])
+    figure = draw_error(data, "position", curve)
+    axes = figure.axes[0]
+    for i, name in enumerate(("iekf", "ukf", "other")):
+        np.testing.assert_array_equal(axes.lines[i].get_ydata(), curve.sel(estimator=name))
+        assert axes.lines[i].get_color() == looks(data)[name].color
+    # two kinds of bound, each once for iekf and ukf, which share it, and once for the other
+    bounds = axes.lines[3:]
+    assert len(bounds) == 4
+    assert [line.get_color() for line in bounds] == [looks(data)[name].color for name in ("iekf", "other")] * 2
+    np.testing.assert_array_equal(bounds[2].get_ydata(), data["bound_truth_position"].sel(estimator="iekf"))
+    assert axes.get_yscale() == "log" and "[m]" in axes.get_ylabel() and "[s]" in axes.get_xlabel()
+    entries = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert entries[:3] == ["iekf", "ukf", "other"]
+    assert "bound: filter's process noise" in entries and "bound: true motion's process noise" in entries
+
+
+@pytest.mark.parametrize(("kind", "one"), [("nees", 6.0), ("nis", 1.0)])
+def test_consistency_shows_curve_and_band(kind, one):
+    data = result(trials=50)
+    axes = draw_consistency(data, kind).axes[0]
+    assert axes.lines[0].get_ydata()[0] == one
+    mean = data[kind].mean("trial") / (5.0 if kind == "nis" else 1.0)
+    np.testing.assert_allclose(axes.lines[1].get_ydata(), mean.isel(estimator=0))
+    (band,) = axes.collections
+    low, high = band.get_paths()[0].vertices[:, 1].min(), band.get_paths()[0].vertices[:, 1].max()
+    assert low < one < high and axes.get_yscale() == "linear"
+    data[kind][0] *= 1e3
+    assert draw_consistency(data, kind).axes[0].get_yscale() == "log"
+
+
+def test_convergence_bars_are_the_times():
+    data = result(trials=50)
+    curve = rmse(errors(data)["position"])
+    curve[1] = curve[1].isel(time=0)  # does not converge
+    axes = draw_convergence(data, curve).axes[0]
+    first, second = (list(container) for container in axes.containers)
+    expected = [convergence_time(data["time"], curve[0], fraction=f) for f in (0.75, 0.5, 1 / 3)]
+    assert [bar.get_height() for bar in first] == expected and expected[0] < expected[2]
+    assert [bar.get_height() for bar in second] == [0, 0, 0]
+    assert sum(text.get_text() == "not reached" for text in axes.texts) == 3
+
+
+def test_colours_differ_and_stay():
+    names = ("a", "b", "c", "d", "e")
+    shown = looks(result(names=names))
+    assert len({look.color for look in shown.values()}) == 5
+    assert looks(result(names=names[:2])) == {name: shown[name] for name in names[:2]}
