@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from diagrams.errors import choose
@@ -37,11 +38,23 @@ from systems.recorder import Recorder, record
 from systems.registry import ESTIMATORS, locate
 from systems.sensors.recorded import RecordedMeasurements, Recording
 
-__all__ = ["DATASET", "LocardsReplay", "Settings", "build", "recording", "replay_set"]
+__all__ = [
+    "DATASET",
+    "Built",
+    "LocardsReplay",
+    "Settings",
+    "build",
+    "recording",
+    "replay_set",
+    "run",
+    "run_track",
+    "split",
+]
 
 Array = NDArray[np.float64]
 
-_EVERY, _MANY = "all", ">= 5 msg."
+_EVERY, _MANY = "all", "5+"
+_CRUISE = 10e3  # m; for the air, where no altitude is reported
 
 
 @dataclass(frozen=True)
@@ -111,8 +124,8 @@ def recording(track: Track, settings: Settings, rng: np.random.Generator | None 
     if settings.trials > 1 and rng is not None:
         arrivals[:, 1] += _faults(track, settings, rng)
     if settings.air:
-        n = 1 + np.nanmean(mean_refractivity(track.heights, track.altitude[:, None]), axis=1)
-        arrivals /= np.where(np.isfinite(n), n, 1.0)[:, None, None]
+        upper = np.where(np.isfinite(track.altitude), track.altitude, _CRUISE)[:, None]
+        arrivals /= 1 + np.nanmean(mean_refractivity(track.heights, upper), axis=1)[:, None, None]
     differences = arrivals[..., 1:] - arrivals[..., :1]
     altitude = np.broadcast_to(track.altitude[:, None, None], (*differences.shape[:2], 1))
     return Recording(track.times, np.concatenate([differences, altitude], axis=-1), track.platforms)
@@ -122,13 +135,14 @@ def _faults(track: Track, settings: Settings, rng: np.random.Generator) -> Array
     messages, receivers = track.arrivals.shape
     error = settings.fault_m / SPEED_OF_LIGHT * rng.choice([-1.0, 1.0], messages)
     struck = rng.random(messages) < settings.fault_share
-    chosen = rng.integers(receivers, size=messages)
-    return np.where(struck, error, 0.0)[:, None] * (np.arange(receivers) == chosen[:, None])
+    chosen = rng.integers(receivers, size=(messages, 1))
+    return np.where(struck, error, 0.0)[:, None] * (np.arange(receivers) == chosen)
 
 
 def split(track: Track, gap: float) -> list[Track]:
     """Cut a track wherever the aircraft was silent for longer than `gap` seconds."""
-    cuts = [0, *(np.flatnonzero(np.diff(track.times) > gap) + 1), len(track.times)]
+    times = track.times
+    cuts = [0, *(i for i in range(1, len(times)) if times[i] - times[i - 1] > gap), len(times)]
     return [track.part(slice(a, b)) for a, b in pairwise(cuts)]
 
 
@@ -268,7 +282,7 @@ class LocardsReplay:
         parts = [(data.name, 0, scores) for data, scores in zip(self.sets, self.scores, strict=True)]
         parts.append(("all sets", 0, self.all))
         if self.settings.trials > 1:
-            parts.append(("with faults", 1, self.all))
+            parts.append(("faults", 1, self.all))
         return [
             (name, who, scores.summary(trial, which))
             for name, trial, scores in parts
@@ -277,15 +291,16 @@ class LocardsReplay:
 
     def table(self) -> Table:
         """See `Replay.table`."""
-        table = Table(title=f"LocaRDS: horizontal error [m] of {self.settings.estimator}, with / without the gate")
-        table.add_column("set")
-        table.add_column("aircraft")
-        for column in ("messages", "with fix [%]", "50 %", "90 %", "99 %"):
+        title = f"LocaRDS: horizontal error of {self.settings.estimator} in metres, with / without the gate"
+        table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        for column in ("set", "aircraft"):
+            table.add_column(column, no_wrap=True)
+        for column in ("messages", "with fix, %", "50 %", "90 %", "99 %"):
             table.add_column(column, justify="right", no_wrap=True)
         for name, who, row in self.groups():
             pair = [row[method] for method in METHODS]
             shares = " / ".join(
-                "-" if r["share_with_fix"] is None else f"{100 * r['share_with_fix']:.1f}" for r in pair
+                "-" if r["share_with_fix"] is None else f"{100 * r['share_with_fix']:.3g}" for r in pair
             )
             errors = [" / ".join(_metres(r[f"p{p}_m"]) for r in pair) for p in (50, 90, 99)]
             last = who != _EVERY
@@ -296,17 +311,17 @@ class LocardsReplay:
         """See `Replay.notes`."""
         scores = self.all
         aside, ahead = (np.abs(part[0, :, 0]) for part in (scores.across, scores.along))
-        lines = [">= 5 msg.: aircraft with at least five messages in their set"]
+        lines = ["5+: aircraft with at least five messages in their set"]
         if np.isfinite(aside).any():
             lines.append(
                 f"with the gate, across the course: {np.nanmedian(aside):.0f} m (50 %), "
                 f"{np.nanpercentile(aside, 90):.0f} m (90 %); along it: {np.nanmedian(ahead):.0f} m, "
                 f"{np.nanpercentile(ahead, 90):.0f} m, and {np.nanmedian(scores.along[0, :, 0]):+.0f} m in the median: "
-                "the positions that aircraft report are old"
+                "the positions that aircraft report are a fraction of a second old"
             )
         if self.settings.trials > 1:
             lines.append(
-                f"with faults: {self.settings.fault_m:g} m added at one receiver in "
+                f"faults: {self.settings.fault_m:g} m added at one receiver in "
                 f"{100 * self.settings.fault_share:g} % of the messages"
             )
         return lines
@@ -316,7 +331,7 @@ class LocardsReplay:
         keys = {_EVERY: "all_aircraft", _MANY: "five_messages_or_more"}
         result: dict[str, Any] = {"settings": vars(self.settings), "sets": {}}
         for name, who, row in self.groups():
-            place = result if name in ("all sets", "with faults") else result["sets"]
+            place = result if name in ("all sets", "faults") else result["sets"]
             place.setdefault(name.replace(" ", "_"), {})[keys[who]] = row
         return result
 

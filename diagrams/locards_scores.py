@@ -145,7 +145,7 @@ def score(track: Track, size: int, estimates: Array, excluded: Array) -> Scores:
     # the height only carries the vertical part of the error, which is not looked at
     place = geodetic_to_ecef(latitude, longitude, np.where(np.isfinite(height), height, track.altitude))
     local = np.einsum("mij,kmtj->kmti", enu_rotation(latitude, longitude), estimates - place[:, None])
-    known = np.isfinite(place).all(axis=-1)
+    known = np.all(np.isfinite(place), axis=-1)
     return Scores(
         local[..., :2], headings(track), excluded, track.reported[:, :2], known, np.full(len(track.times), size)
     )

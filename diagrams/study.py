@@ -145,7 +145,7 @@ class Study:
     ) -> tuple[dict[str, Any], dict[str, tuple[int, int]]]:
         """Return the ports to record by name, and their shapes."""
         keep = self.request.keep
-        ports = {"truth": wired.truth, "platforms": wired.platforms, "measurement": wired.measurement}
+        ports = {"truth": wired.truth, "platforms": wired.platforms, "sensed": wired.sensed or wired.measurement}
         for name, estimator in wired.estimators.items():
             wanted = ["estimate", "nis", "nis_dof"]
             wanted += ["covariance"] if keep in ("covariance", "all") else []
@@ -154,7 +154,7 @@ class Study:
         if scores is not None:
             ports |= {f"{name}/nees": score.GetOutputPort("nees") for name, score in scores.items()}
         if keep in ("measurements", "all"):
-            ports |= dict(wired.signals)
+            ports |= {"measurement": wired.measurement, **wired.signals}
         shapes = {name: port.get_system().output_size(port.get_name()) for name, port in ports.items()}
         return ports, shapes
 
@@ -173,7 +173,7 @@ class Study:
         wired, builder, scores = self.wire(width)
         recorder = record(builder, self._signals(wired, scores)[0], self._record_clock(wired.clock, wired.duration))
         # The bound's recursion needs every epoch, also those that are not kept.
-        course = {"truth": wired.truth, "platforms": wired.platforms, "measurement": wired.measurement}
+        course = {"truth": wired.truth, "platforms": wired.platforms, "sensed": wired.sensed or wired.measurement}
         recorders = [recorder, recorder if request.every == 1 else record(builder, course, wired.clock, "course")]
         diagram = builder.Build()
         simulator = Simulator(diagram)
@@ -184,7 +184,7 @@ class Study:
                 context = self._run(simulator, diagram, recorders, wired, bar, done, width)
                 times, signals = recorder.result(context)
                 path = recorders[1].result(context)[1]
-                present = np.isfinite(path["measurement"].swapaxes(0, 1)[:count])
+                present = np.isfinite(path["sensed"].swapaxes(0, 1)[:count])
                 bounds.add(path["truth"].swapaxes(0, 1)[:count], self._carriers(path, count), count, present)
                 chunk = self._dataset(times, signals, wired, request.first_trial + done, count)
                 if done + count == request.trials:

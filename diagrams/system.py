@@ -28,7 +28,10 @@ class Wired:
     truth, platforms : OutputPort
         State of the target, states of the carriers; the only truth that metrics and bounds read.
     measurement : OutputPort
-        What the sensors say.
+        What the estimators get.
+    sensed : OutputPort, optional
+        Its finite rows say what was measured at all, for the bounds; by default `measurement`. The rows of the
+        estimators' stream come first on it.
     estimators : mapping of str to Estimator
         The estimators side by side.
     clock : Clock
@@ -60,6 +63,7 @@ class Wired:
     start_covariance: Callable[[str, Array, Array], Array]
     truth_motion: MotionModel
     start_uses_measurement: bool
+    sensed: OutputPort | None = None
     signals: Mapping[str, OutputPort] = field(default_factory=dict)
     dashed: Sequence[tuple[str, str]] = ()
 

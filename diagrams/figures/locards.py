@@ -9,7 +9,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from diagrams.figures.style import grid, legend_outside, new_figure
+from diagrams.figures.style import grid, new_figure
 from systems.frames import ecef_to_geodetic
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def draw_errors(result: LocardsReplay) -> Figure:
     scores = result.all
     titles = (
         "as recorded",
-        f"{result.settings.fault_m / 1e3:g} km added at one receiver in {100 * result.settings.fault_share:g} %",
+        f"{result.settings.fault_m / 1e3:g} km added at one receiver in {100 * result.settings.fault_share:g} % of the messages",
     )
     for trial, (panel, title) in enumerate(zip(axes[0], titles, strict=False)):
         for who, which, width, dash in (
@@ -49,7 +49,7 @@ def draw_errors(result: LocardsReplay) -> Figure:
         grid(panel)
     axes[0, 0].set_ylabel("messages with a fix at least so good [%]")
     figure.suptitle(f"LocaRDS: {result.settings.estimator} against the position that the aircraft reports")
-    legend_outside(figure, axes[0, 0])
+    axes[0, 0].legend(loc="lower right", frameon=False)
     return figure
 
 
@@ -100,11 +100,12 @@ def draw_map(result: LocardsReplay) -> Figure:
     axes.plot(*place[:, missed], "x", color="#d55e00", ms=8, mew=2, label="message without a fix")
     axes.plot(*receivers, "^", color="black", ms=8, label="receiver")
     axes.set(xlabel="longitude [deg]", ylabel="latitude [deg]")
-    axes.set_aspect(1 / np.cos(np.radians(np.nanmean(place[1]))), adjustable="datalim")
-    # most is in one region; receivers and aircraft far from it would shrink it to a spot
-    for limits, values in ((axes.set_xlim, place[0]), (axes.set_ylim, place[1])):
-        low, high = np.nanpercentile(values, [5, 100])
-        limits(low - 1, high + 0.5)
+    # most is in one region; what is far from it would shrink it to a spot
+    (west, east), (south, north) = np.nanpercentile(place, [10, 90], axis=1).T
+    stretch = 1 / np.cos(np.radians((south + north) / 2))
+    half = 0.8 * (north - south) + 0.7
+    axes.set(ylim=((south + north) / 2 - half, (south + north) / 2 + half), aspect=stretch)
+    axes.set_xlim((west + east) / 2 - 1.3 * stretch * half, (west + east) / 2 + 1.3 * stretch * half)
     grid(axes)
     axes.legend(loc="lower right")
     bar = figure.colorbar(dots, ax=axes, extend="both", label="horizontal error [m]")

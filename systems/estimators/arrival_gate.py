@@ -86,8 +86,8 @@ class ArrivalGate(EnsembleBlock):
     Where several cases of 2 or 4 pass, the best is taken if it is 20 times as likely as the next, and none if it is
     not. Without a prediction (not connected, or the estimator has not begun) 1 and 2 fall away. Five arrival times and
     a height have two degrees of freedom then, of which leaving one out takes one: an error is nearly always found, but
-    whose it is remains open in some 40 % of the geometries. The prediction, though it may be `slack` times worse than
-    it says, closes most of them.
+    whose it is remains open in a fifth to two fifths of the geometries. The prediction, though it may be `slack` times
+    worse than it says, decides most of these.
 
     The estimator's ``nis_dof`` counts rows; it is one too many where the reference is left out.
 
@@ -157,10 +157,10 @@ class ArrivalGate(EnsembleBlock):
         inputs = {self.input_port_ticket(self.get_input_port(i).get_index()) for i in range(self.num_input_ports())}
         self._judged = self.declare_cached("judged", ArrivalGate._judge, inputs)
         ticket = {self.cached_ticket(self._judged)}
-        for i, (port, size) in enumerate(
-            (("measurement", model.size), ("noise_covariance", model.size**2), ("excluded", 1))
-        ):
-            self.declare_output(port, trials, size, lambda c, i=i: self.cached(c, self._judged)[i], ticket)
+        rows = model.size
+        self.declare_output("measurement", trials, rows, lambda c: self.cached(c, self._judged)[0], ticket)
+        self.declare_output("noise_covariance", trials, rows**2, lambda c: self.cached(c, self._judged)[1], ticket)
+        self.declare_output("excluded", trials, 1, lambda c: self.cached(c, self._judged)[2], ticket)
 
     def _judge(self, context: Context) -> tuple[Array, Array, Array]:
         measurement = self.read(context, "measurement")

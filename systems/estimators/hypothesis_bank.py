@@ -12,7 +12,7 @@ from systems.estimators.base import Epoch, Estimator, Innovation, Memory, Wiring
 from systems.estimators.hypotheses_start import HypothesesStart
 from systems.estimators.start import Start
 from systems.filters.gaussian import GaussianFilter, take
-from systems.filters.hypotheses import branch, in_doubt, log_evidence, merge, mixture, reweigh
+from systems.filters.hypotheses import branch, in_doubt, log_evidence, mixture, reweigh
 from systems.filters.square_root import Posterior
 from systems.filters.whitening import Whitener, missing_rows
 from systems.measurement.base import MeasurementModel
@@ -77,10 +77,10 @@ class HypothesisBank(Estimator):
 
     Each hypothesis resolves the phases next to its own prediction, so the block may stand before or behind a
     `PhaseResolver`: only the phases wrapped into [-pi, pi) matter. Its weight is multiplied by the likelihood of
-    every epoch (`log_evidence`); one that falls below `least_weight` is dropped, and of two that have come to
-    the same integers the lighter goes into the other. ``estimate``, ``covariance`` and ``prediction`` are the mean and
-    covariance of the mixture: while several hypotheses are alive, the covariance says how far apart they
-    are. ``innovation``, ``nis`` and ``nis_dof`` are those of the likeliest.
+    every epoch (`log_evidence`); one that falls below `least_weight` is dropped. Where a gap has left a prediction too
+    vague for one integer, a hypothesis branches (`branch`). ``estimate``, ``covariance`` and ``prediction`` are the
+    moments of the mixture: while several hypotheses are alive, the covariance says how far apart they are.
+    ``innovation``, ``nis`` and ``nis_dof`` are those of the likeliest.
 
     Further outputs: ``weights`` (trials, K), falling, and ``integers`` (trials, phases), the whole cycles that the
     likeliest hypothesis added to the wrapped phases of its last epoch that had them.
@@ -250,8 +250,6 @@ class HypothesisBank(Estimator):
         means = self._spread(living, result.mean, trials)
         covariances = self._spread(living, result.covariance, trials)
         integers = self._spread(living, living.integers, trials)
-        if rivals.size:
-            weights = merge(weights, integers, means, covariances)
         leads = (np.argmax(weights, axis=-1)[living.trial] == living.slot) & (weights[living.trial, living.slot] > 0)
         value, nis, dof = np.full((trials, self.model.size), np.nan), np.full(trials, np.nan), np.zeros(trials)
         at = living.trial[leads]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from systems.filters.linear_algebra import cholesky, symmetric
 
-__all__ = ["branch", "in_doubt", "log_evidence", "merge", "mixture", "reweigh"]
+__all__ = ["branch", "in_doubt", "log_evidence", "mixture", "reweigh"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -131,44 +131,6 @@ def normalised(weights: Array) -> Array:
     """Return weights (..., K) with sum 1; those that are all 0 stay so."""
     total = weights.sum(axis=-1, keepdims=True)
     return weights / np.where(total > 0, total, 1.0)
-
-
-def merge(weights: Array, integers: Array, means: Array, covariances: Array) -> Array:
-    r"""Add the weight of a hypothesis that has become the same as a heavier one to that one.
-
-    The same: equal integers, and :math:`(x_i - x_j)^T (P_i + P_j)^{-1} (x_i - x_j) < 1`. Equal integers alone do not
-    do: after a gap, two that were cycles apart may come to the same place with different velocities.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (trials, K)
-    integers : ndarray, shape (trials, K, m)
-        A NaN equals nothing.
-    means, covariances : ndarray, shapes (trials, K, n) and (trials, K, n, n)
-
-    Returns
-    -------
-    ndarray, shape (trials, K)
-    """
-    alive = weights > 0
-    rank = np.argsort(np.argsort(-weights, axis=-1, kind="stable"), axis=-1)
-    equal = (integers[:, :, None] == integers[:, None, :]).all(axis=-1)
-    same = equal & alive[:, :, None] & alive[:, None, :] & (rank[:, None, :] < rank[:, :, None])
-    if not same.any():
-        return weights
-    trial, light, heavy = np.nonzero(same)
-    apart = means[trial, light] - means[trial, heavy]
-    spread = covariances[trial, light] + covariances[trial, heavy]
-    distance = np.einsum("pi,pi->p", apart, np.linalg.solve(spread, apart[..., None])[..., 0])
-    same[trial, light, heavy] = distance < 1
-    # Only into one that stays itself; a chain takes an epoch per link.
-    same &= ~same.any(axis=-1)[:, None, :]
-    trial, light = np.nonzero(same.any(axis=-1))
-    into = np.where(same, rank[:, None, :], weights.shape[1]).argmin(axis=-1)[trial, light]
-    merged = weights.copy()
-    merged[trial, light] = 0.0
-    np.add.at(merged, (trial, into), weights[trial, light])
-    return merged
 
 
 def mixture(means: Array, covariances: Array, weights: Array) -> tuple[Array, Array]:

@@ -117,4 +117,10 @@ class Gains:
     def covariance(self) -> Array:
         """Return the posterior covariance."""
         half = self.root()
-        return half @ np.swapaxes(half, -1, -2)
+        covariance = half @ np.swapaxes(half, -1, -2)
+        if self._wide is not None:
+            # The product's own rounding, at most n eps sigma_i sigma_j, can exceed what is narrow in such a matrix.
+            n = covariance.shape[-1]
+            inflation = np.where(self._wide, n**2 * np.finfo(float).eps, 0.0)
+            covariance += inflation[..., None, None] * covariance * np.eye(n)
+        return covariance

@@ -72,7 +72,7 @@ def starts_around(platforms: Array, height: Array, directions: int = 6) -> Array
         Earth-fixed [m]; NaN where no platform is known.
     """
     position = platforms[..., :3]
-    known = np.isfinite(position).all(axis=-1)
+    known = np.all(np.isfinite(position), axis=-1)
     count = np.count_nonzero(known, axis=-1)
     present = np.where(known[..., None], position, 0.0)
     middle = present.sum(axis=-2) / np.where(count > 0, count, np.nan)[..., None]
@@ -172,7 +172,7 @@ class _Problem:
         self._prior = None
         if prior is not None:
             mean, covariance = prior
-            known = np.isfinite(mean).all(axis=-1) & np.isfinite(covariance).all(axis=(-1, -2))
+            known = np.all(np.isfinite(mean), axis=-1) & np.all(np.isfinite(covariance), axis=(-1, -2))
             root = np.linalg.inv(cholesky(np.where(known[:, None, None], covariance, np.eye(3))))
             self._prior = np.where(known[:, None], mean, 0.0), np.where(known[:, None, None], root, 0.0)
             self.rows += 3.0 * known

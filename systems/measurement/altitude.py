@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.frames import ecef_to_geodetic, up
+from systems.frames import vertical
 from systems.measurement.base import MeasurementModel, positive
 
 __all__ = ["Altitude"]
@@ -32,13 +32,18 @@ class Altitude(MeasurementModel):
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""
-        return ecef_to_geodetic(target[..., :3])[2][..., None]
+        return vertical(target[..., :3])[1][..., None]
 
     def jacobian(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.jacobian`."""
+        return self.linearize(target, platforms)[1]
+
+    def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
+        """See `MeasurementModel.linearize`."""
+        normal, height = vertical(target[..., :3])
         jacobian = np.zeros((*target.shape[:-1], 1, target.shape[-1]))
-        jacobian[..., 0, :3] = up(target[..., :3])
-        return jacobian
+        jacobian[..., 0, :3] = normal
+        return height[..., None], jacobian
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""

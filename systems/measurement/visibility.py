@@ -44,7 +44,9 @@ class ElevationMask:
         else:
             normal, offset = up(platforms[..., :3]), -offset
         height = np.einsum("...i,...i->...", normal, offset)
-        return np.arcsin(height / np.linalg.norm(offset, axis=-1))
+        distance = np.sqrt(np.einsum("...i,...i->...", offset, offset))
+        # straight overhead, rounding can make the sine more than 1
+        return np.arcsin(np.clip(height / distance, -1.0, 1.0))
 
     def visible(self, target: Array, platforms: Array) -> NDArray[np.bool_]:
         """Return whether each platform is visible, shape (..., p)."""

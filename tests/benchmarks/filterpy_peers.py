@@ -75,9 +75,10 @@ def _over_trials(
     recorded: RecordedPass, one: Callable[[int, Sequence[SingleTarget]], tuple[list[Array], list[Array]]]
 ) -> Callable[[], History]:
     assert isinstance(recorded.model, Stack)
-    targets = [SingleTarget(recorded.model, platforms, speed=1.0) for platforms in recorded.platforms[:, 0]]
+    stack = recorded.model
 
     def run() -> History:
+        targets = [SingleTarget(stack, platforms, speed=1.0) for platforms in recorded.platforms[:, 0]]
         means, covariances = zip(*(one(trial, targets) for trial in range(recorded.trials)), strict=True)
         return np.array(means).swapaxes(0, 1), np.array(covariances).swapaxes(0, 1)
 

@@ -38,9 +38,9 @@ def compare(size: Size) -> Section:
     section.notes += [
         "One prediction and one update, on the same recorded measurements, with the same start, Q, R and stop rule "
         "(the state moves by less than 0.01 m; at most 10 linearisations).",
-        "Stone Soup (KalmanPredictor, time-invariant F and Q) runs trial by trial; its measurement model is written "
-        "for one state vector, with an analytic Jacobian and the satellites' axes worked out beforehand; models, "
-        "detections and time stamps are made beforehand too.",
+        "All peers start from the same arrays of measurements and satellite states. Stone Soup (KalmanPredictor, "
+        "time-invariant F and Q) runs trial by trial; its measurement model is written for one state vector, with an "
+        "analytic Jacobian, and is made once per epoch for all trials.",
         "What differs: Stone Soup always makes a second linearisation, Quietfix only if the first step was longer "
         "than the tolerance (here it always is); Stone Soup subtracts K S K^T, Quietfix keeps the covariance "
         "positive definite, looks for missing rows and reports innovation and NIS.",

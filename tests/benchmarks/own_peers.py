@@ -7,16 +7,15 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
-from systems.clocks import Clock, Periodic
 from systems.estimators.base import Wiring
 from systems.estimators.kalman import KalmanEstimator
 from systems.estimators.start import GivenStart
 from systems.filters.gaussian import GaussianFilter
 from systems.filters.whitening import Whitener
 from systems.recorder import record
-from systems.signals import EnsembleBlock
+from systems.sensors.recorded import RecordedMeasurements, Recording
 from tests.benchmarks.recorded_pass import PERIOD, RecordedPass
 
 __all__ = ["History", "diagram", "loop"]
@@ -41,31 +40,13 @@ def loop(algorithm: GaussianFilter, recorded: RecordedPass) -> History:
     return np.array(means), np.array(covariances)
 
 
-class Playback(EnsembleBlock):
-    """Outputs ``measurement`` and ``platforms`` from arrays."""
-
-    def __init__(self, recorded: RecordedPass, clock: Clock) -> None:
-        super().__init__("playback")
-        self._recorded = recorded
-        self._clock = clock
-        ticket = {self.time_ticket()}
-        self.declare_output("measurement", recorded.trials, recorded.model.size, self._measurement, ticket)
-        self.declare_output("platforms", 1, recorded.platforms[0].size, self._platforms, ticket)
-
-    def _measurement(self, context: Context) -> Array:
-        tick = self._clock.index(context.get_time())
-        return self._recorded.measurement[0] * np.nan if tick is None else self._recorded.measurement[tick]
-
-    def _platforms(self, context: Context) -> Array:
-        tick = self._clock.index(context.get_time())
-        return self._recorded.platforms[0] * np.nan if tick is None else self._recorded.platforms[tick]
-
-
 def diagram(algorithm: GaussianFilter, recorded: RecordedPass) -> Callable[[], History]:
     """Build a diagram of playback, estimator and recorder; return what runs it once, in a new context."""
-    builder, clock = DiagramBuilder(), Periodic(PERIOD)
-    source = builder.AddSystem(Playback(recorded, clock))
-    wiring = Wiring(recorded.trials, recorded.model.names, clock, platforms=recorded.platforms.shape[2])
+    builder = DiagramBuilder()
+    source = builder.AddSystem(
+        RecordedMeasurements([Recording(recorded.times, recorded.measurement, recorded.platforms)])
+    )
+    wiring = Wiring(recorded.trials, recorded.model.names, source.clock, platforms=source.platforms)
     start = GivenStart(recorded.mean, recorded.covariance)
     estimator = builder.AddSystem(
         KalmanEstimator("estimator", algorithm, recorded.model, recorded.motion, start, wiring)
@@ -73,7 +54,7 @@ def diagram(algorithm: GaussianFilter, recorded: RecordedPass) -> Callable[[], H
     for port in ("measurement", "platforms"):
         builder.Connect(source.GetOutputPort(port), estimator.GetInputPort(port))
     ports = {port: estimator.GetOutputPort(port) for port in ("estimate", "covariance")}
-    recorder = record(builder, ports, clock)
+    recorder = record(builder, ports, source.clock)
     built = builder.Build()
     simulator = Simulator(built)
 

@@ -1,7 +1,7 @@
 """TDOA, FDOA and phase of one target, written for one state vector: what a user of the peers would write.
 
-Nothing here runs over leading axes, and what depends only on the satellites is worked out beforehand: the peers
-are not to lose time on what they do not need.
+Nothing here runs over leading axes, and what depends only on the satellites is worked out once per epoch: the
+peers are not to lose time on what they do not need.
 """
 
 from __future__ import annotations

@@ -29,6 +29,7 @@ __all__ = ["StoneSoup", "iterated"]
 Array = NDArray[np.float64]
 
 _EPOCH = datetime.datetime(2024, 1, 1)
+_ALL = (0, 1, 2, 3, 4, 5)
 
 
 class Measurement(NonLinearGaussianMeasurement):
@@ -51,67 +52,63 @@ class Measurement(NonLinearGaussianMeasurement):
 
 
 class StoneSoup:
-    """A Stone Soup updater on a recorded pass.
+    """A Stone Soup updater on a recorded pass, from the same arrays as everybody else.
 
-    Detections, models and time stamps are made beforehand; a run is prediction, hypothesis and update.
+    The satellites move, so every epoch has a measurement model of its own; all trials share it.
 
     Parameters
     ----------
     recorded : RecordedPass
         The measurements.
     updater : callable
-        Makes the updater of one run; its cache of earlier predictions is then empty.
+        Makes the updater of one trial; its cache of earlier predictions is then empty.
     """
 
     def __init__(self, recorded: RecordedPass, updater: Callable[[], Updater]) -> None:
         assert isinstance(recorded.model, Stack)
         self._recorded = recorded
+        self._stack = recorded.model
         self._updater = updater
         self._motion = LinearGaussianTimeInvariantTransitionModel(
             transition_matrix=recorded.motion.transition(recorded.mean, PERIOD),
             covariance_matrix=CovarianceMatrix(recorded.motion.process_noise(recorded.mean, PERIOD)),
         )
-        noise = CovarianceMatrix(recorded.model.noise_covariance())
+        self._noise = CovarianceMatrix(recorded.model.noise_covariance())
         self._stamps = [_EPOCH + datetime.timedelta(seconds=float(t)) for t in recorded.times]
-        models = [
-            Measurement(ndim_state=6, mapping=list(range(6)), noise_covar=noise, target=SingleTarget(recorded.model, p))
-            for p in recorded.platforms[:, 0]
-        ]
-        self._detections = [
-            [
-                Detection(StateVector(z), timestamp=stamp, measurement_model=model)
-                for z, stamp, model in zip(recorded.measurement[:, trial], self._stamps, models, strict=True)
-            ]
-            for trial in range(recorded.trials)
-        ]
+        self._models: list[Measurement] = []
 
     def run(self) -> History:
         """Filter all trials."""
-        return self._run(range(self._recorded.trials))
+        return self._run(range(self._recorded.trials), first=True)
 
     def parts(self, count: int) -> list[Callable[[], History]]:
-        """Return `run` in parts, by trials; empty where that many equal parts are not to be had."""
+        """Return `run` in parts, by trials, to be called in this order; empty where equal parts are not to be had."""
         trials = self._recorded.trials
         if count == 1 or trials % count:
             return []
         share = trials // count
-        return [partial(self._run, range(first, first + share)) for first in range(0, trials, share)]
+        return [partial(self._run, range(k, k + share), first=k == 0) for k in range(0, trials, share)]
 
-    def _run(self, trials: range) -> History:
+    def _run(self, trials: range, first: bool) -> History:
+        if first:
+            self._models = [self._model(platforms) for platforms in self._recorded.platforms[:, 0]]
         histories = [self._run_one(trial) for trial in trials]
         means, covariances = zip(*histories, strict=True)
         return np.array(means).swapaxes(0, 1)[..., 0], np.array(covariances).swapaxes(0, 1)
 
+    def _model(self, platforms: Array) -> Measurement:
+        target = SingleTarget(self._stack, platforms)
+        return Measurement(ndim_state=6, mapping=_ALL, noise_covar=self._noise, target=target)
+
     def _run_one(self, trial: int) -> tuple[list[Array], list[Array]]:
-        predictor, updater = KalmanPredictor(self._motion), self._updater()
+        recorded, predictor, updater = self._recorded, KalmanPredictor(self._motion), self._updater()
         state = GaussianState(
-            StateVector(self._recorded.mean[trial]),
-            CovarianceMatrix(self._recorded.covariance[trial]),
-            timestamp=self._stamps[0],
+            StateVector(recorded.mean[trial]), CovarianceMatrix(recorded.covariance[trial]), timestamp=self._stamps[0]
         )
         means, covariances = [state.state_vector], [state.covar]
-        for detection in self._detections[trial][1:]:
-            prediction = predictor.predict(state, timestamp=detection.timestamp)
+        for z, stamp, model in zip(recorded.measurement[1:, trial], self._stamps[1:], self._models[1:], strict=True):
+            detection = Detection(StateVector(z), timestamp=stamp, measurement_model=model)
+            prediction = predictor.predict(state, timestamp=stamp)
             state = updater.update(SingleHypothesis(prediction, detection))
             means.append(state.state_vector)
             covariances.append(state.covar)

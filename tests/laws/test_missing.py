@@ -67,7 +67,9 @@ def test_bare_filter_without_the_rows(name, case):
     assert np.abs((batch.covariance[2] - alone.covariance[0]) / np.outer(sigma, sigma)).max() < tolerance
     assert np.isnan(batch.innovation[2, gone]).all()
     noise = model.sigmas[kept]
-    np.testing.assert_allclose(batch.innovation[2, kept] / noise, alone.innovation[0] / noise, rtol=tolerance, atol=1e-6)
+    np.testing.assert_allclose(
+        batch.innovation[2, kept] / noise, alone.innovation[0] / noise, rtol=tolerance, atol=1e-6
+    )
     np.testing.assert_allclose(batch.nis[2], alone.nis[0], rtol=1e-6)
     assert batch.nis_dof[2] == len(kept) and np.all(np.delete(batch.nis_dof, 2) == 6)
 
@@ -214,4 +216,3 @@ def test_noise_covariance_with_gaps(name):
     np.testing.assert_allclose(a["estimate"], b["estimate"], rtol=0, atol=tolerance)
     np.testing.assert_array_equal(a["nis_dof"], b["nis_dof"])
     assert a["nis_dof"][2, 1] == 5 and a["nis_dof"][3, 4] == 0
-
