@@ -311,7 +311,7 @@ class LocardsReplay:
         """See `Replay.notes`."""
         scores = self.all
         aside, ahead = (np.abs(part[0, :, 0]) for part in (scores.across, scores.along))
-        lines = ["5+: aircraft with at least five messages in their set"]
+        lines = ["5+: aircraft with at least five messages in their set; percentiles are over the messages with a fix"]
         if np.isfinite(aside).any():
             lines.append(
                 f"with the gate, across the course: {np.nanmedian(aside):.0f} m (50 %), "

@@ -32,10 +32,8 @@ def draw_errors(result: LocardsReplay) -> Figure:
     trials = result.settings.trials
     figure, axes = new_figure(columns=trials, sharey=True, squeeze=False)
     scores = result.all
-    titles = (
-        "as recorded",
-        f"{result.settings.fault_m / 1e3:g} km added at one receiver in {100 * result.settings.fault_share:g} % of the messages",
-    )
+    fault, percent = result.settings.fault_m / 1e3, 100 * result.settings.fault_share
+    titles = ("as recorded", f"{fault:g} km added at one receiver in {percent:g} % of the messages")
     for trial, (panel, title) in enumerate(zip(axes[0], titles, strict=False)):
         for who, which, width, dash in (
             ("all aircraft", scores.known, 2.6, "-"),

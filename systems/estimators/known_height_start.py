@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -60,7 +61,9 @@ class KnownHeightStart(Start):
         self._order = [tdoa.reference, *tdoa.receivers]
         self.sigma_height = positive(sigma_height, "sigma_height", "m")
         self.sigma_velocity = positive(sigma_velocity, "sigma_velocity", "m/s")
-        self.sigma_satellite = sigma_satellite
+        if not (math.isfinite(sigma_satellite) and sigma_satellite >= 0):
+            raise ValueError(f"sigma_satellite: {sigma_satellite} is not allowed; it must be a finite number >= 0 m")
+        self.sigma_satellite = float(sigma_satellite)
         self._method: Method = method
 
     @property

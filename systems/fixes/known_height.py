@@ -1,10 +1,10 @@
 r"""Position from two TDOAs and an assumed height.
 
 With :math:`q = p - s_0`, :math:`D_i = s_i - s_0`, :math:`d_i = c\tau_{i0}`, squaring :math:`r_i = r_0 + d_i` gives
-:math:`D_i\cdot q = (|D_i|^2 - d_i^2)/2 - d_i r_0`, so :math:`q = a + b r_0 + t n` with n normal to both baselines. The
-sphere :math:`|q + s_0| = R` makes t a quadratic in :math:`r_0`, and :math:`|q| = r_0` then a quartic. Newton's method on
-:math:`[c\tau_1, c\tau_2, h]` refines its root from the sphere to the WGS-84 ellipsoid, and stands alone where the
-quartic degenerates: satellites in one line, or in one plane with the centre of the Earth.
+:math:`D_i\cdot q = (|D_i|^2 - d_i^2)/2 - d_i r_0`, so :math:`q = a + b r_0 + t n` with n normal to both baselines.
+The sphere :math:`|q + s_0| = R` makes t a quadratic in :math:`r_0`, and :math:`|q| = r_0` then a quartic. Newton's
+method on :math:`[c\tau_1, c\tau_2, h]` refines its root from the sphere to the WGS-84 ellipsoid, and stands alone
+where the quartic degenerates: satellites in one line, or in one plane with the centre of the Earth.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.frames import ecef_to_geodetic, geodetic_to_ecef, up
+from systems.frames import ecef_to_geodetic, geodetic_to_ecef, up, vertical
 from systems.measurement.base import SPEED_OF_LIGHT, differenced_covariance
 from systems.measurement.geometry import line_of_sight
 
 __all__ = ["DegenerateFormationError", "has_closed_form", "known_height_covariance", "known_height_fix"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Method = Literal["auto", "closed_form", "newton"]
 
 _SMALLEST_SINE = 1e-3  # below it the quartic loses more digits than Newton needs
@@ -34,7 +35,7 @@ class DegenerateFormationError(ValueError):
     """The formation has no closed-form solution."""
 
 
-def has_closed_form(satellites: Array) -> NDArray[np.bool_]:
+def has_closed_form(satellites: Array) -> Mask:
     """Return whether three satellites (..., 3, >=3) span a plane that misses the Earth's centre clearly."""
     s = satellites[..., :3]
     d1, d2 = s[..., 1, :] - s[..., 0, :], s[..., 2, :] - s[..., 0, :]
@@ -43,7 +44,8 @@ def has_closed_form(satellites: Array) -> NDArray[np.bool_]:
     lengths = np.linalg.norm(d1, axis=-1) * np.linalg.norm(d2, axis=-1)
     out_of_plane = np.abs(np.einsum("...i,...i->...", normal, s[..., 0, :]))
     reach = np.linalg.norm(s[..., 0, :], axis=-1) * np.where(size > 0, size, 1.0)
-    return (size > _SMALLEST_SINE * lengths) & (out_of_plane > _SMALLEST_SINE * reach)
+    good: Mask = (size > _SMALLEST_SINE * lengths) & (out_of_plane > _SMALLEST_SINE * reach)
+    return good
 
 
 def known_height_fix(
@@ -78,21 +80,30 @@ def known_height_fix(
     height = np.broadcast_to(np.asarray(height, dtype=float), delays.shape[:1])
     satellites = np.asarray(satellites, dtype=float)[..., :3]
     if start is None:
-        closed = bool(np.all(has_closed_form(satellites)))
-        if method == "closed_form" and not closed:
-            raise DegenerateFormationError(
-                "the satellites are collinear, or in one plane with the Earth's centre: this formation has no "
-                "closed form; use method 'newton' or 'auto'"
-            )
-        if closed and method != "newton":
-            start = _quartic(delays, satellites, height)
-        else:
-            start = np.broadcast_to(_below(satellites[..., 0, :], height), (delays.shape[0], 3))
+        start = _first_guess(delays, satellites, height, method)
     position = _newton(delays, satellites, height, start)
-    with np.errstate(invalid="ignore"):
-        offset = satellites - position[:, None, :]
-        seen = np.einsum("...i,...i->...", offset, up(position)[:, None, :]) > 0
-    return np.where(seen.all(axis=-1)[:, None], position, np.nan)
+    seen = np.einsum("...i,...i->...", satellites - position[:, None, :], up(position)[:, None, :]) > 0
+    return np.where(np.all(seen, axis=-1)[:, None], position, np.nan)
+
+
+def _first_guess(delays: Array, satellites: Array, height: Array, method: Method) -> Array:
+    """Return where Newton starts: the quartic's root in every trial whose formation has one, else below satellite 0."""
+    guess = np.broadcast_to(_below(satellites[:, 0, :], height), (delays.shape[0], 3))
+    if method == "newton":
+        return guess
+    closed = has_closed_form(satellites)
+    known = np.all(np.isfinite(satellites), axis=(-1, -2))
+    if method == "closed_form" and np.any(known & ~closed):
+        raise DegenerateFormationError(
+            "the satellites are collinear, or in one plane with the Earth's centre: this formation has no "
+            "closed form; use method 'newton' or 'auto'"
+        )
+    if not closed.any():
+        return guess
+    # The quartic has no value for the others, and they must not stop it for these.
+    somewhere = satellites[np.argmax(closed)]
+    root = _quartic(delays, np.where(closed[:, None, None], satellites, somewhere), height)
+    return np.where(closed[:, None], root, guess)
 
 
 def _below(satellite: Array, height: Array) -> Array:
@@ -101,33 +112,36 @@ def _below(satellite: Array, height: Array) -> Array:
 
 
 def _newton(delays: Array, satellites: Array, height: Array, start: Array) -> Array:
-    """Solve for [c tau1, c tau2, h]; each trial stops when it has converged."""
-    position = np.array(start, dtype=float)
-    ranges = SPEED_OF_LIGHT * delays
-    active = np.flatnonzero(np.isfinite(position).all(axis=-1) & np.isfinite(ranges).all(axis=-1))
-    failed = np.ones(position.shape[0], dtype=bool)
+    """Solve for [c tau1, c tau2, h]; each trial stops when it has converged, NaN where it does not."""
+    position = np.full(start.shape, np.nan)
+    active = np.flatnonzero(np.isfinite(np.sum(start, axis=-1) + np.sum(delays, axis=-1) + height))
+    p, h, ranges = start[active], height[active], SPEED_OF_LIGHT * delays[active]
+    s = satellites if satellites.shape[0] == 1 else satellites[active]
     for _ in range(_ITERATIONS):
         if active.size == 0:
             break
-        p = position[active]
-        s = satellites if satellites.shape[0] == 1 else satellites[active]
         offset = p[:, None, :] - s
-        distance = np.linalg.norm(offset, axis=-1)
+        distance = np.sqrt(np.einsum("...i,...i->...", offset, offset))
         u = offset / distance[..., None]
+        normal, above = vertical(p)
+        gradient = np.empty((active.size, 3, 3))
+        gradient[:, :2] = u[:, 1:] - u[:, :1]
+        gradient[:, 2] = normal
         residual = np.empty((active.size, 3))
-        residual[:, :2] = ranges[active] - (distance[:, 1:] - distance[:, :1])
-        residual[:, 2] = height[active] - ecef_to_geodetic(p)[2]
-        gradient = np.concatenate([u[:, 1:] - u[:, :1], up(p)[:, None, :]], axis=1)
+        residual[:, :2] = ranges - (distance[:, 1:] - distance[:, :1])
+        residual[:, 2] = h - above
         singular = np.abs(np.linalg.det(gradient)) < 1e-12
-        gradient[singular] = np.eye(3)
+        if singular.any():
+            gradient[singular] = np.eye(3)
         step = np.linalg.solve(gradient, residual[..., None])[..., 0]
-        size = np.linalg.norm(step, axis=-1)
-        step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(size, 1.0))[:, None]
-        position[active] = p + step
+        size = np.sqrt(np.einsum("...i,...i->...", step, step))
+        p = p + step * np.minimum(1.0, _LARGEST_STEP / np.maximum(size, 1.0))[:, None]
         done = (size < _CONVERGED) & ~singular
-        failed[active[done]] = False
-        active = active[~done & np.isfinite(size)]
-    position[failed] = np.nan
+        position[active[done]] = p[done]
+        going = ~done & np.isfinite(size)
+        if not going.all():
+            active, p, h, ranges = active[going], p[going], h[going], ranges[going]
+            s = s if s.shape[0] == 1 else s[going]
     return position
 
 
@@ -151,8 +165,7 @@ def _quartic(delays: Array, satellites: Array, height: Array) -> Array:
         q = a[:, None, :] + b[:, None, :] * r0[..., None] + t[..., None] * normal[:, None, :]
         p = (q + s0[:, None, :]) * _SCALE
         position = _visible_root(p, r0, satellites, delays)
-        with np.errstate(invalid="ignore"):
-            error = height - ecef_to_geodetic(position)[2]
+        error = height - vertical(position)[1]
         radius = np.where(np.isfinite(error), (np.linalg.norm(position, axis=-1) + error) / _SCALE, radius)
     return position
 
@@ -178,7 +191,7 @@ def _roots(a: Array, b: Array, n: Array, s0: Array, radius: Array) -> tuple[Arra
         ],
         axis=-1,
     )
-    finite = np.isfinite(rest).all(axis=-1)
+    finite = np.all(np.isfinite(rest), axis=-1)
     companion = np.zeros((*t0.shape, 4, 4))
     companion[..., 1:, :3] = np.eye(3)
     companion[..., 0, :] = np.where(finite[..., None], -rest / lead[..., None], 1.0)
@@ -193,7 +206,7 @@ def _visible_root(p: Array, r0: Array, satellites: Array, delays: Array) -> Arra
     offset = p[:, :, None, :] - satellites[:, None, :, :]
     distance = np.linalg.norm(offset, axis=-1)
     misfit = np.abs(distance[..., 1:] - distance[..., :1] - SPEED_OF_LIGHT * delays[:, None, :]).sum(axis=-1)
-    seen = (np.einsum("...i,...i->...", -offset, p[:, :, None, :]) > 0).all(axis=-1)
+    seen = np.all(np.einsum("...i,...i->...", -offset, p[:, :, None, :]) > 0, axis=-1)
     cost = np.where(np.isfinite(misfit) & seen & (misfit < 1.0), misfit, np.inf)
     best = np.argmin(cost, axis=-1)
     rows = np.arange(p.shape[0])
@@ -242,7 +255,7 @@ def known_height_covariance(
     c[:2, :2] = SPEED_OF_LIGHT**2 * differenced_covariance(sigma_delay, 2, correlated)
     c[:2, :2] += sigma_satellite**2 * (np.eye(2) + np.ones((2, 2)))
     c[2, 2] = sigma_height**2
-    finite = np.isfinite(gradient).all(axis=(-1, -2))
+    finite = np.all(np.isfinite(gradient), axis=(-1, -2))
     inverse = np.linalg.inv(np.where(finite[..., None, None], gradient, np.eye(3)))
     # The square root of C keeps the product symmetric and definite although it is nearly of rank one.
     half = inverse @ np.linalg.cholesky(c)

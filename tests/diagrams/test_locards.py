@@ -12,8 +12,8 @@ from rich.console import Console
 
 from diagrams.errors import UserError
 from diagrams.locards import LocardsReplay, Settings, build, recording, replay_set, run, run_track, split
-from diagrams.locards_data import read_receivers, read_set, read_sets
-from diagrams.locards_scores import Scores, headings
+from diagrams.locards_data import read_receivers, read_sets
+from diagrams.locards_scores import METHODS, Scores, headings
 from diagrams.replay import REPLAYS, data_folder, replay
 from systems.estimators.arrival_gate import KEPT
 from systems.frames import ecef_to_geodetic, geodetic_state
@@ -347,21 +347,23 @@ def test_all_recorded_sets(recorded):
 @pytest.mark.slow
 @pytest.mark.parametrize("receiver", range(5))
 def test_an_error_at_a_receiver_of_recorded_messages(recorded, receiver):
-    folder = recorded("locards_mlat")
-    data = read_set(folder / "set_2.csv", read_receivers(folder / "sensors.csv"))
     settings = Settings(fault_share=0)
-    tracks = [part for track in data.tracks for part in split(track, settings.gap_s) if len(part.times) >= 4]
-    assert len(tracks) >= 10
-    sound = [recording(track, settings) for track in tracks]
-    for track in tracks:
-        track.arrivals[-1, receiver] += 3000.0 / SPEED_OF_LIGHT
-        track.arrivals[-1] -= track.arrivals[-1, 0]
-    built = build([*sound, *(recording(track, settings) for track in tracks)], settings)
     moved = []
-    for i in range(len(tracks)):
-        before, after = run_track(built, i), run_track(built, len(tracks) + i)
-        moved.append([np.linalg.norm((after[k] - before[k])[-1, 0, :3]) for k in ("gate", "no_gate")])
-    gated, bare = np.array(moved).T
-    # the last message of a track: nearly always the gate leaves out the receiver, or refuses the message
-    assert np.median(gated) < 60 and np.quantile(gated, 0.9) < 300
-    assert np.median(bare) > 5 * np.median(gated)
+    for data in read_sets(recorded("locards_mlat")):
+        tracks = [part for track in data.tracks for part in split(track, settings.gap_s) if len(part.times) >= 4]
+        sound = [recording(track, settings) for track in tracks]
+        for track in tracks:
+            track.arrivals[-1, receiver] += 3000.0 / SPEED_OF_LIGHT
+            track.arrivals[-1] -= track.arrivals[-1, 0]
+        built = build([*sound, *(recording(track, settings) for track in tracks)], settings)
+        for i in range(len(tracks)):
+            before, after = run_track(built, i), run_track(built, len(tracks) + i)
+            shift = [np.linalg.norm((after[name] - before[name])[-1, 0, :3]) for name in METHODS]
+            moved.append([*shift, after["excluded"][-1, 0, 0] == receiver])
+    gated, bare, found = np.array(moved).T
+    assert len(moved) == 54
+    # the last message of each track with four or more: found in 48 or 49 of 54, refused in 3 to 5
+    assert found.mean() > 0.8
+    # fixes are good to some 50 m; they move by 8 to 16 m (median), without the gate by 1.3 to 1.7 km
+    assert np.median(gated) < 30 and np.quantile(gated, 0.75) < 100
+    assert np.median(bare) > 1000
