@@ -6,7 +6,6 @@ nor the prior; the map depends on both, so they are stated with every map.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -302,9 +301,10 @@ def gdop_figures(scenario: Scenario, folder: Path | str, progress: bool = True) 
 
 
 def _print_areas(dataset: xr.Dataset) -> None:
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
+
+    from diagrams.tables import print_table
 
     table = Table(
         title=f"areas [10^6 km^2] with a bound below ..., {dataset.attrs['duration_s']:g} s, "
@@ -321,4 +321,4 @@ def _print_areas(dataset: xr.Dataset) -> None:
         cells += [f"{row[f'{quantity}_below_{limit:.0f}_m']:.2f}" for quantity, limit in limits]
         cells.append(f"{row['centre_position_m'] / 1e3:.2f} / {row['centre_height_m'] / 1e3:.2f}")
         table.add_row(name, *cells)
-    Console(width=None if sys.stdout.isatty() else 140).print(table)
+    print_table(table)

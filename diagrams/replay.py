@@ -116,8 +116,7 @@ def replay(
     UserError
         For an unknown data set, missing or broken data, or a folder that cannot be written.
     """
-    from rich.console import Console
-
+    from diagrams.tables import print_table
     from systems.registry import locate
 
     entry: Dataset = locate(REPLAYS[choose("dataset", dataset, REPLAYS)])
@@ -125,7 +124,7 @@ def replay(
     began = time.monotonic()
     result = entry.run(folder, progress)
     seconds = time.monotonic() - began
-    Console(soft_wrap=True).print(result.table())
+    print_table(result.table())
     for note in result.notes():
         print(note)
     if out is not None:

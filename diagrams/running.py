@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from diagrams.catalogue import load_scenario, split_name
 from diagrams.errors import UserError
 from diagrams.results import OutputFolder, open_result, write_summary
+from diagrams.tables import print_table
 
 __all__ = ["draw_command", "gdop_command", "replay_command", "run_command"]
 
@@ -112,7 +112,7 @@ def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
             ),
             str(row["diverged"]),
         )
-    Console(width=None if sys.stdout.isatty() else 140).print(table)
+    print_table(table)
 
 
 def _last(row: Mapping[str, Any], key: str) -> float | None:

@@ -77,7 +77,7 @@ class KalmanEstimator(Estimator):
         whitener = self._whitener if noise_covariance is None else Whitener(noise_covariance)
         lost = None
         if not np.isfinite(mean.sum() + covariance.sum()):
-            lost = ~(np.isfinite(mean).all(axis=-1) & np.isfinite(covariance).all(axis=(-1, -2)))
+            lost = ~(np.all(np.isfinite(mean), axis=-1) & np.all(np.isfinite(covariance), axis=(-1, -2)))
             mean = np.where(lost[:, None], 1.0, mean)
             covariance = np.where(lost[:, None, None], np.eye(mean.shape[-1]), covariance)
             measurement = np.where(lost[:, None], np.nan, measurement)

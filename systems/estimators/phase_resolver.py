@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
 from systems.fixes.known_height import known_height_fix
-from systems.frames import ecef_to_geodetic
+from systems.frames import vertical
 from systems.measurement.phase import InterferometerPhase
 from systems.measurement.tdoa import Tdoa
 from systems.signals import EnsembleBlock
@@ -151,7 +151,7 @@ class PhaseResolver(EnsembleBlock):
         """Return the phases at the TDOA fix of now, at the filter's predicted height."""
         prediction = self.read(context, "prediction")
         platforms = self.read(context, "platforms").reshape(-1, self._platforms, 6)
-        height = ecef_to_geodetic(prediction[:, :3])[2]
+        height = vertical(prediction[:, :3])[1]
         fix = known_height_fix(stream[:, self._tdoa_rows], platforms[:, self._order], height, start=prediction[:, :3])
         target = np.concatenate([fix, np.zeros_like(fix)], axis=-1)
         return self._phase.predict(target, platforms)

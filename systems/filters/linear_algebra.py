@@ -25,7 +25,7 @@ def cholesky(covariance: Array) -> Array:
     matrix are raised to 1e-12. One with NaN gives NaN; no matrix affects another.
     """
     try:
-        return np.linalg.cholesky(covariance)
+        return np.asarray(np.linalg.cholesky(covariance), dtype=float)
     except np.linalg.LinAlgError:
         pass
     n = covariance.shape[-1]
@@ -39,14 +39,14 @@ def cholesky(covariance: Array) -> Array:
 
 def _repaired(matrix: Array) -> Array:
     try:
-        return np.linalg.cholesky(matrix)
+        return np.asarray(np.linalg.cholesky(matrix), dtype=float)
     except np.linalg.LinAlgError:
         pass
     scale = np.sqrt(np.maximum(np.diagonal(matrix), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(symmetric(matrix / np.outer(scale, scale)))
     root = vectors * np.sqrt(np.maximum(values, _SMALLEST_EIGENVALUE))
     # QR turns the square root into a triangular one without squaring it again.
-    factor = np.linalg.qr(root.T, mode="r").T
+    factor = np.linalg.qr(root.T)[1].T
     return scale[:, None] * factor * np.where(np.diagonal(factor) < 0, -1.0, 1.0)
 
 

@@ -90,7 +90,9 @@ class Gains:
 
     def coordinates(self, whitened: Array) -> Array:
         """Return y, the correction of the mean in terms of L, for whitened residuals (..., m)."""
-        solved = np.linalg.solve(self._gram, self._columns @ whitened[..., None])[..., 0]
+        solved: Array = np.linalg.solve(self._gram, self._columns @ whitened[..., None])[..., 0].astype(
+            float, copy=False
+        )
         if self._wide is not None:
             projected = np.swapaxes(self._orthogonal, -1, -2) @ whitened[self._wide][..., None]
             solved[self._wide] = np.linalg.solve(self._upper, projected)[..., 0]

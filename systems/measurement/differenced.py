@@ -61,6 +61,10 @@ class Differenced(SightedModel):
             raise ValueError(f"receivers: {self.receivers} must be different and exclude reference {reference}")
         self.names = tuple(f"{kind}_{i}{reference}" for i in self.receivers)
         self.units = (unit,) * len(self.names)
+        first, count = min(self.receivers, default=0), len(self.receivers)
+        in_a_row = self.receivers == list(range(first, first + count))
+        # a view instead of a copy
+        self._picked: list[int] | slice = slice(first, first + count) if in_a_row else self.receivers
 
     @abstractmethod
     def values_from(self, sight: LineOfSight) -> Array:
@@ -75,12 +79,12 @@ class Differenced(SightedModel):
         """Return quantity and derivative, (..., p) and (..., p, 6), of one wave front."""
 
     def _difference(self, values: Array) -> Array:
-        return values[..., self.receivers] - values[..., self.reference, None]
+        return values[..., self._picked] - values[..., self.reference, None]
 
     def _difference_rows(self, gradients: Array, size: int) -> Array:
-        rows = gradients[..., self.receivers, :] - gradients[..., self.reference, None, :]
-        jacobian = np.zeros((*rows.shape[:-1], size))
-        jacobian[..., : rows.shape[-1]] = rows
+        jacobian = np.zeros((*gradients.shape[:-2], self.size, size))
+        reference = gradients[..., self.reference, None, :]
+        np.subtract(gradients[..., self._picked, :], reference, out=jacobian[..., : gradients.shape[-1]])
         return jacobian
 
     def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +31,12 @@ class LineOfSight:
     direction: Array
     relative_velocity: Array
 
-    @property
+    @cached_property
     def range_rate(self) -> Array:
         """Rate of change of the range [m/s], shape (..., p)."""
         return np.einsum("...i,...i->...", self.direction, self.relative_velocity)
 
-    @property
+    @cached_property
     def range_rate_gradient(self) -> Array:
         r"""Derivative of the range rate with respect to the target's position [1/s], shape (..., p, 3).
 

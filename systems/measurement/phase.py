@@ -95,6 +95,8 @@ class InterferometerPhase(SightedModel):
         if not axes or any(axis not in ("a", "b") for axis in axes):
             raise ValueError(f"phase axes: {list(axes)} is not allowed; 'a', 'b' or both")
         self._rows = ["ab".index(axis) for axis in axes]
+        # The iterations of a filter ask again and again for the axes of one instant.
+        self._axes, self._axes_of = np.empty((0, 3)), np.empty(0)
         self.names = tuple(f"phase_{axis}" for axis in axes)
         self.units = ("rad",) * len(self.names)
 
@@ -106,8 +108,12 @@ class InterferometerPhase(SightedModel):
     def body_axes(self, platforms: Array) -> Array:
         """Return 2 pi n times the baseline directions in Earth-fixed axes, shape (..., m, 3)."""
         carrier = platforms[..., self.platform, :]
-        frame = nadir_frame_earth_fixed(carrier[..., :3], carrier[..., 3:6], self.earth_rate)
-        return (2 * np.pi * self.cycles) * frame[..., self._rows, :]
+        if not np.array_equal(carrier, self._axes_of):
+            frame = nadir_frame_earth_fixed(carrier[..., :3], carrier[..., 3:6], self.earth_rate)
+            axes = (2 * np.pi * self.cycles) * frame[..., self._rows, :]
+            axes.setflags(write=False)
+            self._axes, self._axes_of = axes, carrier.copy()
+        return self._axes
 
     def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
         """See `SightedModel.predict_from`; unambiguous even for a wrapped sensor, see `represent`."""

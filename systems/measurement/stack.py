@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,15 +37,22 @@ class Stack(MeasurementModel):
         self.units = tuple(unit for model in models for unit in model.units)
         if len(set(self.names)) < len(self.names):
             raise ValueError(f"measurement rows: {list(self.names)} has a name twice")
-        ends = np.cumsum([0] + [model.size for model in models])
-        self._slices = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        ends = accumulate((model.size for model in models), initial=0)
+        self._slices = [slice(a, b) for a, b in pairwise(ends)]
+        parts = zip(self._slices, self.models, strict=True)
+        self._wrapping = [
+            (rows, model) for rows, model in parts if type(model).residual is not MeasurementModel.residual
+        ]
 
     def _sight(self, target: Array, platforms: Array) -> LineOfSight | None:
         shared = any(isinstance(model, SightedModel) and model.shares_sight for model in self.models)
         return line_of_sight(target, platforms) if shared else None
 
     def _join(self, arrays: list[Array], trailing: int) -> Array:
-        leading = np.broadcast_shapes(*(a.shape[: a.ndim - trailing] for a in arrays))
+        shapes = [array.shape[: array.ndim - trailing] for array in arrays]
+        if all(shape == shapes[0] for shape in shapes):
+            return np.concatenate(arrays, axis=-trailing)
+        leading = np.broadcast_shapes(*shapes)  # a row that needs no platform knows nothing of their trials
         joined = np.empty((*leading, self.size, *arrays[0].shape[arrays[0].ndim - trailing + 1 :]))
         for rows, array in zip(self._slices, arrays, strict=True):
             joined[(..., rows) + (slice(None),) * (trailing - 1)] = array
@@ -83,9 +91,8 @@ class Stack(MeasurementModel):
     def residual(self, measured: Array, predicted: Array) -> Array:
         """See `MeasurementModel.residual`."""
         difference = measured - predicted
-        for rows, model in zip(self._slices, self.models, strict=True):
-            if type(model).residual is not MeasurementModel.residual:
-                difference[..., rows] = model.residual(measured[..., rows], predicted[..., rows])
+        for rows, model in self._wrapping:
+            difference[..., rows] = model.residual(measured[..., rows], predicted[..., rows])
         return difference
 
     def represent(self, value: Array) -> Array:

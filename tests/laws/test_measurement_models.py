@@ -1,5 +1,7 @@
 """What every measurement model must obey."""
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -155,3 +157,17 @@ def test_residual_undoes_what_the_sensor_reports(name):
     if "wrapped" in name:
         assert np.all(np.abs(reported[..., ~kept]) <= np.pi)
         assert np.abs(value[..., ~kept]).max() > np.pi  # or else nothing was tested
+
+
+def test_nothing_is_remembered_from_call_to_call(name):
+    """Platforms that move, in the same array or in another, are seen where they are."""
+    model, targets, platforms = example(name)
+    unused = copy.deepcopy(model)
+    moving = platforms.copy()
+    before = model.linearize(targets, moving)
+    moving[..., :3] *= 1.001
+    fresh = unused.linearize(targets, moving.copy())
+    for value, expected in zip(model.linearize(targets, moving), fresh, strict=True):
+        np.testing.assert_array_equal(value, expected)
+    for value, expected in zip(model.linearize(targets, platforms), before, strict=True):
+        np.testing.assert_array_equal(value, expected)
