@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -52,6 +53,15 @@ def phase_angle(phase: Array, baseline: float, wavelength: float) -> Array:
     return np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
 
 
+@lru_cache(maxsize=4)
+def _nadir_frame(carrier: bytes, shape: tuple[int, ...], earth_rate: float) -> Array:
+    """Return the nadir frame of carriers (..., 6); all iterations of all filters ask for that of one instant."""
+    state = np.frombuffer(carrier).reshape(shape)
+    frame = nadir_frame_earth_fixed(state[..., :3], state[..., 3:], earth_rate)
+    frame.setflags(write=False)
+    return frame
+
+
 class InterferometerPhase(SightedModel):
     r"""Phase differences of orthogonal baselines on one satellite that points to nadir.
 
@@ -95,8 +105,6 @@ class InterferometerPhase(SightedModel):
         if not axes or any(axis not in ("a", "b") for axis in axes):
             raise ValueError(f"phase axes: {list(axes)} is not allowed; 'a', 'b' or both")
         self._rows = ["ab".index(axis) for axis in axes]
-        # The iterations of a filter ask again and again for the axes of one instant.
-        self._axes, self._axes_of = np.empty((0, 3)), np.empty(0)
         self.names = tuple(f"phase_{axis}" for axis in axes)
         self.units = ("rad",) * len(self.names)
 
@@ -107,13 +115,9 @@ class InterferometerPhase(SightedModel):
 
     def body_axes(self, platforms: Array) -> Array:
         """Return 2 pi n times the baseline directions in Earth-fixed axes, shape (..., m, 3)."""
-        carrier = platforms[..., self.platform, :]
-        if not np.array_equal(carrier, self._axes_of):
-            frame = nadir_frame_earth_fixed(carrier[..., :3], carrier[..., 3:6], self.earth_rate)
-            axes = (2 * np.pi * self.cycles) * frame[..., self._rows, :]
-            axes.setflags(write=False)
-            self._axes, self._axes_of = axes, carrier.copy()
-        return self._axes
+        carrier = np.ascontiguousarray(platforms[..., self.platform, :6])
+        frame = _nadir_frame(carrier.tobytes(), carrier.shape, self.earth_rate)
+        return (2 * np.pi * self.cycles) * frame[..., self._rows, :]
 
     def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
         """See `SightedModel.predict_from`; unambiguous even for a wrapped sensor, see `represent`."""

@@ -48,8 +48,9 @@ class ModelPlant(EnsembleBlock):
 
     Notes
     -----
-    Draws depend on (seed, name, trial, tick) alone. Until `Simulator.Initialize` has drawn the start, the
-    port carries the mean; so seed and first trial are to be set before it.
+    Draws depend on (seed, name, trial, tick) alone. The port carries the drawn start even before
+    `Simulator.Initialize` stores it: all blocks are initialised at once, and an estimator that starts from a
+    measurement reads this port then. Seed and first trial are to be set before that.
     """
 
     def __init__(
@@ -72,7 +73,7 @@ class ModelPlant(EnsembleBlock):
         self._noise_roots: dict[float, Array] = {}
         default = np.broadcast_to(self.mean, (self.trials, n))
         self._x = self.DeclareDiscreteState(default.ravel())
-        self._valid_at = self.DeclareDiscreteState([0.0])
+        self._stamp = self.DeclareDiscreteState([0.0, 0.0])  # holds for this time; the start is stored
         draw = self.declare_draw()
         now = self.declare_cached("now", ModelPlant._now, {self.xd_ticket(), self.time_ticket(), draw})
         self._state = now
@@ -83,17 +84,23 @@ class ModelPlant(EnsembleBlock):
     def _read_state(self, context: Context) -> Array:
         return self.cached(context, self._state)
 
-    def _start(self, context: Context, discrete: DiscreteValues) -> None:
+    def _first(self, context: Context) -> Array:
         draw, n = self.draw(context), self.motion.size
         # a key of its own: sample 0 of the block's name belongs to tick 0
         z = normal(draw.seed, f"{self.get_name()}:start", draw.first_trial, self.trials, 0, n)
-        discrete.set_value(self._x, np.ravel(self.mean + _times(self._start_root, z)))
-        discrete.set_value(self._valid_at, [context.get_time()])
+        return self.mean + _times(self._start_root, z)
+
+    def _start(self, context: Context, discrete: DiscreteValues) -> None:
+        discrete.set_value(self._x, np.ravel(self._first(context)))
+        discrete.set_value(self._stamp, [context.get_time(), 1.0])
 
     def _now(self, context: Context) -> Array:
+        valid_at, started = context.get_discrete_state(self._stamp).get_value()
+        if not started:
+            return self._first(context)
         x = context.get_discrete_state(self._x).get_value().reshape(self.trials, -1).copy()
         time = context.get_time()
-        dt = time - context.get_discrete_state(self._valid_at).get_value()[0]
+        dt = time - valid_at
         if dt <= 0:
             return x
         moved = self.motion.propagate(x, dt)
@@ -118,7 +125,7 @@ class ModelPlant(EnsembleBlock):
     def _advance(self, context: Context, discrete: DiscreteValues) -> None:
         # logs at this tick have already shown this value: it must be stored, not computed again one step on
         discrete.set_value(self._x, np.ravel(self.cached(context, self._state)))
-        discrete.set_value(self._valid_at, [context.get_time()])
+        discrete.set_value(self._stamp, [context.get_time(), 1.0])
 
 
 def _times(matrix: Array, vector: Array) -> Array:

@@ -1,6 +1,7 @@
 """One study in a process of its own; prints what it took as one line of JSON.
 
-``python -m tests.benchmarks.one_study TRIALS SECONDS``; 0 trials only imports.
+``python -m tests.benchmarks.one_study TRIALS SECONDS [chunks]``; 0 trials only imports. With ``chunks`` every chunk is
+forgotten before the next one runs, as on the command line, which writes it to the disk.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import sys
 import time
 from pathlib import Path
 
-from diagrams.study import run_study
+from diagrams.study import Study, run_study
 
 
 def peak_megabytes() -> float:
@@ -32,14 +33,15 @@ def peak_megabytes() -> float:
 def main() -> None:
     """Run and report."""
     trials, duration = int(sys.argv[1]), float(sys.argv[2])
-    report = {"seconds": 0.0, "estimators": 0, "steps": 0}
+    system, options = "three_satellite", {"trials": trials, "set": [f"duration_s={duration}"]}
+    report = {"seconds": 0.0, "trials": 0, "estimators": 0, "steps": 0}
     if trials:
         begun = time.perf_counter()
-        result = run_study("three_satellite", trials=trials, set=[f"duration_s={duration}"])
+        for part in Study(system, **options).chunks() if "chunks" in sys.argv[3:] else [run_study(system, **options)]:
+            report["trials"] += part.sizes["trial"]
+            report["estimators"] = part.sizes["estimator"]
+            report["steps"] = part.sizes["time"] - 1
         report["seconds"] = time.perf_counter() - begun
-        report["estimators"] = result.sizes["estimator"]
-        report["steps"] = result.sizes["time"] - 1
-        assert result.sizes["trial"] == trials
     report["megabytes"] = peak_megabytes()
     print(json.dumps(report))
 

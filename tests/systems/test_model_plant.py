@@ -238,10 +238,16 @@ def test_means_and_covariances_per_trial():
     assert np.all(x[0, 1] != means[1])
 
 
-def test_before_it_is_started_the_port_shows_the_mean():
+def test_before_it_is_started_the_port_shows_the_start():
+    """All blocks are initialised at once: what reads the truth then must not see another one."""
     plant = random_walk(2)
-    shown = plant.GetOutputPort("state").Eval(plant.CreateDefaultContext())
-    np.testing.assert_array_equal(shown.reshape(2, 6), [MEAN, MEAN])
+    simulator = Simulator(plant)
+    plant.set_draw(simulator.get_mutable_context(), Draw(seed=3, first_trial=5))
+    port = plant.GetOutputPort("state")
+    before = port.Eval(simulator.get_context())
+    simulator.Initialize()
+    np.testing.assert_array_equal(port.Eval(simulator.get_context()), before)
+    assert np.all(before.reshape(2, 6) != MEAN)
 
 
 @pytest.mark.parametrize(

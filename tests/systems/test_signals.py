@@ -1,0 +1,123 @@
+"""Ensemble signals: ports, parameters and caches of every block."""
+
+import gc
+import weakref
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+
+from systems.signals import Constant, Draw, EnsembleBlock, ensemble, leaf_systems, set_draw
+
+
+class Doubler(EnsembleBlock):
+    """Reads an ensemble and passes it on twice as large, through a cache entry; counts how often."""
+
+    def __init__(self, trials, size, name="doubler"):
+        super().__init__(name)
+        self.calls = 0
+        self.declare_input("in", trials, size)
+        self.entry = self.declare_cached("double", Doubler._double, {self.input_ticket("in")})
+        self.declare_output(
+            "out", trials, size, lambda c: self.cached(c, self.entry), {self.cached_ticket(self.entry)}
+        )
+
+    def _double(self, context):
+        self.calls += 1
+        return 2 * self.read(context, "in")
+
+
+class Drawing(EnsembleBlock):
+    """Shows what it knows of the run."""
+
+    def __init__(self, name):
+        super().__init__(name)
+        ticket = self.declare_draw()
+        self.declare_output(
+            "draw", 1, 2, lambda c: np.array([[self.draw(c).seed, self.draw(c).first_trial]], dtype=float), {ticket}
+        )
+
+
+def test_a_port_carries_trials_times_size_in_c_order():
+    value = np.arange(6.0).reshape(3, 2)
+    constant = Constant("c", value)
+    port = constant.GetOutputPort("state")
+    flat = port.Eval(constant.CreateDefaultContext())
+    np.testing.assert_array_equal(flat, [0, 1, 2, 3, 4, 5])
+    np.testing.assert_array_equal(ensemble(flat, 2), value)
+    assert constant.output_size("state") == (3, 2) and constant.output_names() == ["state"]
+    value[:] = -1  # the caller's array is not the block's
+    np.testing.assert_array_equal(port.Eval(constant.CreateDefaultContext()), flat)
+    assert Constant("c", [1.0, 2.0]).output_size("state") == (1, 2)
+
+
+def test_values_pass_and_are_computed_once():
+    builder = DiagramBuilder()
+    value = np.array([[1.0, np.nan], [np.inf, 4.0]])
+    constant, doubler = builder.AddSystem(Constant("c", value)), builder.AddSystem(Doubler(2, 2))
+    builder.Connect(constant.GetOutputPort("state"), doubler.GetInputPort("in"))
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    mine = doubler.GetMyContextFromRoot(context)
+    for _ in range(3):
+        np.testing.assert_array_equal(ensemble(doubler.GetOutputPort("out").Eval(mine), 2), 2 * value)
+    assert doubler.calls == 1
+
+
+def test_what_is_read_may_be_changed():
+    """`read` gives a copy: a block that works in place changes no other block's signal."""
+    doubler = Doubler(1, 2)
+    context = doubler.CreateDefaultContext()
+    doubler.GetInputPort("in").FixValue(context, [1.0, 2.0])
+    doubler.read(context, "in")[:] = 7.0
+    np.testing.assert_array_equal(doubler.read(context, "in"), [[1.0, 2.0]])
+
+
+def test_the_draw_reaches_every_block_that_draws():
+    inner = DiagramBuilder()
+    a = inner.AddSystem(Drawing("a"))
+    outer = DiagramBuilder()
+    nested = outer.AddSystem(inner.Build())
+    b = outer.AddSystem(Drawing("b"))
+    outer.AddSystem(Constant("c", [0.0]))  # draws nothing
+    diagram = outer.Build()
+    assert {leaf.get_name() for leaf in leaf_systems(diagram)} == {"a", "b", "c"} and nested in diagram.GetSystems()
+    context, other = diagram.CreateDefaultContext(), diagram.CreateDefaultContext()
+    for draw in (Draw(3, 4), Draw(2**53 - 1, 2**53 - 1)):
+        set_draw(diagram, context, draw)
+        for block in (a, b):
+            mine = block.GetMyContextFromRoot(context)
+            assert block.draw(mine) == draw
+            # the port's cache has seen it
+            np.testing.assert_array_equal(block.GetOutputPort("draw").Eval(mine), [draw.seed, draw.first_trial])
+            assert block.draw(block.GetMyContextFromRoot(other)) == Draw()
+            assert block.draw(block.GetMyContextFromRoot(context.Clone())) == draw
+
+
+@pytest.mark.parametrize("value", [-1, 2**53, 1.5, "1", None])
+@pytest.mark.parametrize("field", ["seed", "first_trial"])
+def test_bad_draw(field, value):
+    with pytest.raises(ValueError, match=f"{field}: .* whole number"):
+        Draw(**{field: value})
+
+
+@pytest.mark.parametrize("trials", [0, -1, 2.5, "3"])
+def test_bad_trials(trials):
+    with pytest.raises(ValueError, match="trials: .* whole number >= 1"):
+        Doubler(trials, 2)
+
+
+def test_a_block_needs_a_name():
+    with pytest.raises(ValueError, match="name"):
+        Constant("", [0.0])
+
+
+def test_a_cache_entry_keeps_only_a_weak_reference_to_its_block():
+    """Else Drake 1.58 would keep the whole diagram; see test_memory for diagrams."""
+    doubler = Doubler(2, 3)
+    me = weakref.ref(doubler)
+    gc.collect()
+    held = [r for r in gc.get_referrers(doubler) if type(r).__name__ == "cell"]
+    # the port's lambda is in a cell that Drake's ports hold and give free; the cache's calculation is not
+    names = {c.cell_contents for c in held}
+    assert names <= {doubler} and me() is doubler
