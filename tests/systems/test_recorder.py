@@ -75,14 +75,6 @@ def test_the_log_is_in_the_context():
     assert len(recorder.result(clone)[0]) == 3 and len(recorder.result(first)[0]) == 4
 
 
-def test_start_forgets():
-    diagram, recorder = scene(Periodic(1.0))
-    context = simulate(diagram, 3.0)
-    recorder.start(context)
-    times, values = recorder.result(context)
-    assert times.shape == (0,) and values["ramp"].shape == (0, 3, 2)
-
-
 def test_a_result_is_not_the_log():
     diagram, recorder = scene(Periodic(1.0))
     context = simulate(diagram, 3.0)

@@ -1,8 +1,5 @@
 """Ensemble signals: ports, parameters and caches of every block."""
 
-import gc
-import weakref
-
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
@@ -110,14 +107,3 @@ def test_bad_trials(trials):
 def test_a_block_needs_a_name():
     with pytest.raises(ValueError, match="name"):
         Constant("", [0.0])
-
-
-def test_a_cache_entry_keeps_only_a_weak_reference_to_its_block():
-    """Else Drake 1.58 would keep the whole diagram; see test_memory for diagrams."""
-    doubler = Doubler(2, 3)
-    me = weakref.ref(doubler)
-    gc.collect()
-    held = [r for r in gc.get_referrers(doubler) if type(r).__name__ == "cell"]
-    # the port's lambda is in a cell that Drake's ports hold and give free; the cache's calculation is not
-    names = {c.cell_contents for c in held}
-    assert names <= {doubler} and me() is doubler
