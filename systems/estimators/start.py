@@ -65,6 +65,9 @@ class GivenStart(Start):
     def begin(self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
         """See `Start.begin`."""
         trials, n = measurement.shape[0], self._mean.shape[-1]
+        for what, own in (("mean", self._mean.shape[:-1]), ("covariance", self._covariance.shape[:-2])):
+            if own not in ((), (1,), (trials,)):
+                raise ValueError(f"start: the {what} is for {own[0]} trials, there are {trials}")
         return np.broadcast_to(self._mean, (trials, n)), np.broadcast_to(self._covariance, (trials, n, n))
 
 
