@@ -51,6 +51,10 @@ class Wired:
         Further signals worth a log, such as resolved integers.
     dashed : sequence of (str, str)
         Feedback connections (from block, to block) of the drawing.
+    frame : {'earth_fixed', 'inertial'}
+        Axes of all states; heights and courses mean nothing in inertial ones.
+    convergence : float or None
+        The convergence time is when the RMSE of the position falls below this for good [m]; None: as `metrics` has it.
     """
 
     truth: OutputPort
@@ -66,6 +70,8 @@ class Wired:
     sensed: OutputPort | None = None
     signals: Mapping[str, OutputPort] = field(default_factory=dict)
     dashed: Sequence[tuple[str, str]] = ()
+    frame: str = "earth_fixed"
+    convergence: float | None = None
 
 
 @dataclass(frozen=True)

@@ -125,9 +125,7 @@ def gradient(position: ArrayLike, constants: GravityConstants, j2: bool = True) 
     return out + 1.5 * constants.j2 * constants.radius**2 * pull / square * flat
 
 
-def gradient_rate(
-    position: ArrayLike, velocity: ArrayLike, constants: GravityConstants, j2: bool = True
-) -> Array:
+def gradient_rate(position: ArrayLike, velocity: ArrayLike, constants: GravityConstants, j2: bool = True) -> Array:
     """Return how fast `gradient` changes for a body that moves.
 
     Parameters
