@@ -261,7 +261,7 @@ def kepler_state(orbit: Kepler, constants: GravityConstants, who: str) -> Array:
 
 
 def initial_states(scenario: Scenario) -> tuple[Array, Array]:
-    """Return the inertial states of observer and target at t = 0, each shape (6,); a recorded target's from its file."""
+    """Return the inertial states of observer and target at t = 0, each (6,); a recorded target's from its file."""
     constants = gravity(scenario)
     observer = kepler_state(scenario.observer, constants, "observer")
     if isinstance(scenario.target, Sp3):
@@ -306,8 +306,8 @@ def _check_planes(observer: Array, target: Array) -> None:
     angle = math.degrees(math.acos(min(1.0, cosine)))
     if angle < _COPLANAR:
         raise UserError(
-            f"observer, target: their orbit planes are {angle:.2g} deg apart; coplanar orbits are not observable by this "
-            f"method (every root of the ranging equation lies in the plane), at least {_COPLANAR:g} deg are needed"
+            f"observer, target: their orbit planes are {angle:.2g} deg apart; coplanar orbits are not observable by "
+            f"this method (every root of the ranging equation lies in the plane), at least {_COPLANAR:g} deg are needed"
         )
 
 

@@ -33,18 +33,19 @@ from systems.motion.base import MotionModel
 __all__ = ["PREVIEW", "Ra", "RaPaper", "RangeDecomposed"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 PREVIEW = 12  # numbers per epoch on the preview port: six rows and the observer's state
 _SLOT = PREVIEW + 1  # in the window, with the time
 
 
 class _Belief(NamedTuple):
-    """What one step of the filter moves: mean (trials, 6), covariance, plane, and how many normals are in it."""
+    """What one step of the filter moves: mean (trials, 6), covariance, plane, and how many epochs stand for it."""
 
     mean: Array
     covariance: Array
     normal: Array
-    count: Array
+    members: Array
 
 
 class RangeDecomposed(Estimator):
@@ -55,7 +56,7 @@ class RangeDecomposed(Estimator):
     from clustering the candidates of the first `plane_epochs` epochs and then follows the filter's own state.
 
     Until those epochs are there the estimate is the prior; then all of them are used at once, from the prior of the
-    first. With `look_ahead` they come on the port ``preview`` when the run begins, and the filter works from the first
+    first. Where fewer than half of them agree on a plane, the next ones are waited for. With `look_ahead` they come on the port ``preview`` when the run begins, and the filter works from the first
     epoch on, as in the paper: not causal.
 
     The innovation is that of the raw rows; NIS and its degrees of freedom are those of the position (3, or 0 where no
@@ -124,9 +125,7 @@ class RangeDecomposed(Estimator):
     def memory_sizes(self) -> Mapping[str, int]:
         """See `Estimator.memory_sizes`."""
         sizes = {"mean": 6, "covariance": 36, "normal": 3, "count": 1, "epochs": 1}
-        if not self.look_ahead:
-            sizes |= {"window": self.plane_epochs * _SLOT, "window_mean": 6, "window_covariance": 36}
-        return sizes
+        return sizes | {"window": self.plane_epochs * _SLOT, "window_mean": 6, "window_covariance": 36}
 
     def begin(self, mean: Array, covariance: Array, epoch: Epoch) -> Memory:
         """See `Estimator.begin`."""
@@ -194,11 +193,11 @@ class RangeDecomposed(Estimator):
         observer = np.broadcast_to(platforms[:, self._observer], (trials, 6))
         innovation = self.model.residual(measurement, self.model.predict(memory["mean"], platforms))
         nis, dof = np.full(trials, np.nan), np.zeros(trials)
-        decided = memory["count"][:, 0] > 0
+        decided: Mask = np.asarray(memory["count"][:, 0] > 0)
         if decided.any():
             rows = np.flatnonzero(decided)
             nis[rows], dof[rows] = self._step(memory, rows, measurement[rows], observer[rows])
-        if not decided.all() and not self.look_ahead:
+        if not decided.all():
             rows = self._collect(memory, ~decided, measurement, observer, epoch.time)
             if rows.size:
                 nis[rows], dof[rows] = self._catch_up(memory, rows)
@@ -218,12 +217,10 @@ class RangeDecomposed(Estimator):
         memory["mean"][rows] = after.mean
         memory["covariance"][rows] = after.covariance.reshape(-1, 36)
         memory["normal"][rows] = after.normal
-        memory["count"][rows, 0] = after.count
+        memory["count"][rows, 0] = after.members
         return nis, dof
 
-    def _use(
-        self, belief: _Belief, measurement: Array, observer: Array, gated: NDArray[np.bool_]
-    ) -> tuple[_Belief, Array, Array]:
+    def _use(self, belief: _Belief, measurement: Array, observer: Array, gated: Mask) -> tuple[_Belief, Array, Array]:
         mean, covariance, normal, count_ = belief
         trials = np.arange(mean.shape[0])
         ranges, states = self.equation.candidates(measurement, observer, self._minimum_height)
@@ -236,7 +233,7 @@ class RangeDecomposed(Estimator):
             noise = self.position.noise_covariance_at(mean, carriers)
         else:
             noise = self.equation.position_covariance(ranges[trials, chosen], measurement, observer, self.model.sigmas)
-        usable = np.isfinite(position).all(axis=-1) & np.isfinite(noise).all(axis=(-1, -2))
+        usable: Mask = np.isfinite(position).all(axis=-1) & np.isfinite(noise).all(axis=(-1, -2))
         usable &= np.isfinite(mean).all(axis=-1) & np.isfinite(covariance).all(axis=(-1, -2))
         stands = np.where(usable[:, None, None], noise, np.eye(3))
         here = np.where(usable[:, None], mean, 1.0)
@@ -260,7 +257,7 @@ class RangeDecomposed(Estimator):
     # ---- the first epochs
 
     def _collect(
-        self, memory: Memory, waiting: NDArray[np.bool_], measurement: Array, observer: Array, time: float
+        self, memory: Memory, waiting: Mask, measurement: Array, observer: Array, time: float
     ) -> NDArray[np.intp]:
         """Put an epoch into the window; return the trials that found their plane with it."""
         rows = np.flatnonzero(waiting)

@@ -56,8 +56,9 @@ def cluster_centre(patterns: Array) -> tuple[Array, int]:
     """Return the centre of the largest cluster of patterns, and how many patterns are in it.
 
     Agglomerative clustering as in section 3.1 of Wu, Xin and Wan, by SciPy's `linkage`: the two nearest clusters are
-    merged until one of them has a member from every epoch. Patterns of one epoch exclude each other (at most one of them
-    is true), so their distance is set larger than any other and clusters are as far apart as their farthest members.
+    merged until one of them has a member from every epoch. Patterns of one epoch exclude each other (at most one of
+    them is true), so their distance is set larger than any other, and clusters are as far apart as their farthest
+    members.
 
     Parameters
     ----------

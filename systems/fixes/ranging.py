@@ -11,10 +11,11 @@ derived here, since many of the printed ones cannot be right. With :math:`e` the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from systems.measurement.relative_kinematics import sight_axes
 from systems.motion.gravity import GravityConstants, acceleration, energy, gradient
@@ -90,7 +91,7 @@ class RangingEquation:
         e = axes.radial
         p = np.einsum("...i,...i->...", place, e)
         own = np.einsum("...i,...i->...", acceleration(place, self.constants, self.j2), e)
-        columns = np.broadcast_arrays(
+        p, d2, z, ez, turn, k = np.broadcast_arrays(
             p,
             # at least 1 m: a line through the centre of the Earth has no foot
             np.maximum((place * place).sum(axis=-1) - p * p, 1.0),
@@ -101,7 +102,7 @@ class RangingEquation:
         )
         c = self.constants
         bulge = 1.5 * c.mu * c.j2 * c.radius**2 if self.j2 else 0.0
-        return _Line(*(column[..., None] for column in columns), c.mu, bulge)
+        return _Line(*(x[..., None] for x in (p, d2, z, ez, turn, k)), mu=c.mu, bulge=bulge)
 
     def residual(self, distance: Array, measurement: Array, observer: Array) -> Array:
         """Return f(r) [m/s^2] for distances (..., m) [m]."""
@@ -124,8 +125,8 @@ class RangingEquation:
 
         Notes
         -----
-        f' has two zeros, :math:`\pm s_1` for two bodies, where the line turns slower than :math:`w_2 < \mu/d^3` (d: from
-        the centre of the Earth to the line), else none. Between them f is monotone: at most one root in each of three
+        f' has two zeros, :math:`\pm s_1` for two bodies, where :math:`w_2 < \mu/d^3` (d: from
+        the Earth's centre to the line), else none. Between them f is monotone: at most one root in each of three
         intervals, found by halving it. :math:`y = s_1^2/d^2` solves :math:`(1 - 2y)(1 + y)^{-5/2} = w_2 d^3/\mu`, a
         convex and falling function, by Newton's iteration from y = 0. With J2 the zeros of f' are found by halving
         (0, d) and (-d, 0).
@@ -192,7 +193,7 @@ class RangingEquation:
 
         ce, se = axes.cosine, axes.sine
         slope = (m[..., 2] * ce) ** 2 + m[..., 3] ** 2 + dot(pull, axes.radial)
-        change = np.zeros(np.broadcast_shapes(slope.shape, m.shape[:-1]) + (6,))
+        change = np.zeros((*np.broadcast_shapes(slope.shape, m.shape[:-1]), 6))
         change[..., 0] = ce * dot(sideways, axes.azimuthal)
         change[..., 1] = dot(sideways, axes.elevational) - 2 * distance * m[..., 2] ** 2 * ce * se
         change[..., 2] = 2 * distance * m[..., 2] * ce**2
@@ -213,7 +214,7 @@ class RangingEquation:
     def state_jacobian(self, distance: Array, measurement: Array, observer: Array) -> Array:
         """Return the derivative of `states` at a root with respect to the six rows, shape (..., 6, 6).
 
-        The range moves with every row but the radial velocity, so that its error is correlated with those of the angles.
+        The range moves with every row but the radial velocity: its error is correlated with those of the angles.
         """
         m = np.asarray(measurement, dtype=float)
         axes = sight_axes(m[..., 0], m[..., 1])
@@ -271,11 +272,11 @@ class RangingEquation:
         return np.where(good, found, np.nan), np.where(good[..., None], states, np.nan)
 
 
-def _halve(function: object, low: Array, high: Array, rising: object) -> Array:
+def _halve(function: Callable[[Array], Array], low: Array, high: Array, rising: ArrayLike) -> Array:
     """Return the sign changes of a function that rises (1) or falls (-1) in each interval."""
     sign = np.asarray(rising)
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        below = function(middle) * sign < 0  # type: ignore[operator]
+        below = function(middle) * sign < 0
         low, high = np.where(below, middle, low), np.where(below, high, middle)
     return 0.5 * (low + high)

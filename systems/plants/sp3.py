@@ -53,8 +53,8 @@ class PreciseOrbit:
     def inertial(self, start: float = 0.0, earth_rate: float = EARTH_RATE) -> tuple[Array, Array]:
         """Return times [s] since `start` and inertial states (samples, 6) from then on.
 
-        The axes are Earth-fixed at `start`; the Earth turns about its z-axis at a constant rate (precession and nutation
-        turn the pole by less than 0.3 arcseconds in a day, 10 m at 7700 km, and are left out).
+        The axes are Earth-fixed at `start`; the Earth turns about its z-axis at a constant rate (precession and
+        nutation turn the pole by less than 0.3 arcseconds in a day, 10 m at 7700 km, and are left out).
 
         Raises
         ------
@@ -87,8 +87,8 @@ def read_sp3(path: Path | str, satellite: str | None = None) -> PreciseOrbit:
     Raises
     ------
     ValueError
-        For a file that is no SP3, ends in the middle, has an epoch twice or out of order, does not hold the satellite, or
-        whose velocities fit the positions in no known unit.
+        For a file that is no SP3, ends in the middle, has an epoch twice or out of order, does not hold the satellite,
+        or whose velocities fit the positions in no known unit.
 
     Notes
     -----

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
@@ -58,20 +60,21 @@ class Ranging(EnsembleBlock):
         given = {self.input_ticket("measurement"), self.input_ticket("platforms")}
         self._solved = self.declare_cached("solved", Ranging._solve, given)
         ticket = {self.cached_ticket(self._solved)}
-        for i, (port, size) in enumerate(
-            (("ranges", 3), ("range_sigmas", 3), ("positions", 9), ("naive_range", 1)),
-        ):
-            self.declare_output(port, trials, size, lambda c, i=i: self.cached(c, self._solved)[i], ticket)
+        for port, size in (("ranges", 3), ("range_sigmas", 3), ("positions", 9), ("naive_range", 1)):
+            self.declare_output(port, trials, size, self._reader(port), ticket)
         if feedback:
             self.declare_input("prediction", trials, 6)
             ahead = {self.input_ticket("prediction")}
             self.declare_output("measurement", trials, 3, self._choose, ticket | ahead)
             self.declare_output("noise_covariance", trials, 9, self._noise, {self.input_ticket("platforms")} | ahead)
 
+    def _reader(self, port: str) -> Callable[[Context], Array]:
+        return lambda context: self.cached(context, self._solved)[port]
+
     def _carriers(self, context: Context) -> Array:
         return self.read(context, "platforms").reshape(-1, self._platforms, 6)
 
-    def _solve(self, context: Context) -> tuple[Array, Array, Array, Array]:
+    def _solve(self, context: Context) -> dict[str, Array]:
         equation, sigmas = self.position.equation, self._model.sigmas
         measured = self.read(context, "measurement")
         observer = np.broadcast_to(self._carriers(context)[:, self._model.observer], (self._trials, 6))
@@ -81,10 +84,15 @@ class Ranging(EnsembleBlock):
         good = equation.possible(states, self._minimum_height)
         positions = np.where(good[..., None], states[..., :3], np.nan)
         spread = np.sqrt(((partials * sigmas) ** 2).sum(axis=-1))
-        return ranges, spread, positions.reshape(self._trials, 9), equation.naive_range(measured, observer)[:, None]
+        return {
+            "ranges": ranges,
+            "range_sigmas": spread,
+            "positions": positions.reshape(self._trials, 9),
+            "naive_range": equation.naive_range(measured, observer)[:, None],
+        }
 
     def _choose(self, context: Context) -> Array:
-        positions = self.cached(context, self._solved)[2].reshape(self._trials, 3, 3)
+        positions = self.cached(context, self._solved)["positions"].reshape(self._trials, 3, 3)
         prediction = self.read(context, "prediction")[:, None, :3]
         off = np.linalg.norm(positions - prediction, axis=-1)
         nearest = np.argmin(np.where(np.isnan(off), np.inf, off), axis=-1)
