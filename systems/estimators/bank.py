@@ -103,7 +103,8 @@ class RootBank(HypothesisBank):
     ) -> tuple[Memory, NDArray[np.bool_]]:
         """See `Estimator.first`."""
         means, covariances, weights = self._roots.hypotheses(measurement, platforms)
-        return self._pack(means, covariances, weights, np.empty((*weights.shape, 0))), np.asarray(weights.any(axis=-1))
+        integers = np.full((*weights.shape, 1), np.nan)  # no phases: nothing to tell two roots the same
+        return self._memory(means, covariances, weights, integers), np.any(weights > 0, axis=-1)
 
 
 @dataclass

@@ -56,8 +56,8 @@ class RangeDecomposed(Estimator):
     from clustering the candidates of the first `plane_epochs` epochs and then follows the filter's own state.
 
     Until those epochs are there the estimate is the prior; then all of them are used at once, from the prior of the
-    first. Where fewer than half of them agree on a plane, the next ones are waited for. With `look_ahead` they come on the port ``preview`` when the run begins, and the filter works from the first
-    epoch on, as in the paper: not causal.
+    first. Where fewer than half of them agree on a plane, the next ones are waited for. With `look_ahead` the epochs come
+    on the port ``preview`` when the run begins, and the filter works from the first one on, as in the paper: not causal.
 
     The innovation is that of the raw rows; NIS and its degrees of freedom are those of the position (3, or 0 where no
     root was used).
@@ -233,7 +233,7 @@ class RangeDecomposed(Estimator):
             noise = self.position.noise_covariance_at(mean, carriers)
         else:
             noise = self.equation.position_covariance(ranges[trials, chosen], measurement, observer, self.model.sigmas)
-        usable: Mask = np.isfinite(position).all(axis=-1) & np.isfinite(noise).all(axis=(-1, -2))
+        usable: Mask = np.all(np.isfinite(position), axis=-1) & np.all(np.isfinite(noise), axis=(-1, -2))
         usable &= np.isfinite(mean).all(axis=-1) & np.isfinite(covariance).all(axis=(-1, -2))
         stands = np.where(usable[:, None, None], noise, np.eye(3))
         here = np.where(usable[:, None], mean, 1.0)

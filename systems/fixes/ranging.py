@@ -102,7 +102,8 @@ class RangingEquation:
         )
         c = self.constants
         bulge = 1.5 * c.mu * c.j2 * c.radius**2 if self.j2 else 0.0
-        return _Line(*(x[..., None] for x in (p, d2, z, ez, turn, k)), mu=c.mu, bulge=bulge)
+        one = np.index_exp[..., None]
+        return _Line(p[one], d2[one], z[one], ez[one], turn[one], k[one], c.mu, bulge)
 
     def residual(self, distance: Array, measurement: Array, observer: Array) -> Array:
         """Return f(r) [m/s^2] for distances (..., m) [m]."""

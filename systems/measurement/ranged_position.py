@@ -71,5 +71,5 @@ class RangedPosition(MeasurementModel):
         return self.equation.position_covariance(distance, measured, observer, self.sensor.sigmas)
 
     def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
-        """Only the satellite that carries the sensor."""
-        return np.repeat(self.sensor.platforms_used(platforms)[:1], 3, axis=0)
+        """No platform is needed: the position is already inertial."""
+        return np.zeros((3, platforms), dtype=bool)
