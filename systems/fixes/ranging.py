@@ -6,7 +6,7 @@ derived here, since many of the printed ones cannot be right. With :math:`e` the
 
 .. math:: f(r) = w_2 r + e\cdot a(r_O + r e) - e\cdot a(r_O) - \ddot r = 0
 
-(the paper's (22) and (23) have :math:`-w_2 r`; with it the true range is not a root).
+(the paper's (23) prints :math:`(\dot\beta\cos\epsilon)^2 - \dot\epsilon^2`; with it the true range is not a root).
 """
 
 from __future__ import annotations
