@@ -24,7 +24,8 @@ __all__ = ["RangingEquation"]
 
 Array = NDArray[np.float64]
 
-_HALVINGS = 64  # from 1e12 m to less than 1e-6 m
+Function = Callable[[Array], Array]
+
 _SMALLEST = 1e-24  # rad^2/s^2; keeps the outermost bracket finite when nothing turns
 _PLAIN = (0, 1, 2, 3, 5)  # columns of the rows that the range depends on: all but the radial velocity
 
@@ -128,7 +129,7 @@ class RangingEquation:
         -----
         f' has two zeros, :math:`\pm s_1` for two bodies, where :math:`w_2 < \mu/d^3` (d: from
         the Earth's centre to the line), else none. Between them f is monotone: at most one root in each of three
-        intervals, found by halving it. :math:`y = s_1^2/d^2` solves :math:`(1 - 2y)(1 + y)^{-5/2} = w_2 d^3/\mu`, a
+        intervals. :math:`y = s_1^2/d^2` solves :math:`(1 - 2y)(1 + y)^{-5/2} = w_2 d^3/\mu`, a
         convex and falling function, by Newton's iteration from y = 0. With J2 the zeros of f' are found by halving
         (0, d) and (-d, 0).
         """
@@ -144,7 +145,10 @@ class RangingEquation:
         turning = np.concatenate([-s1, s1], axis=-1)
         if line.bulge:
             waves = line.slope(np.zeros_like(s1)) < 0
-            turning = _halve(line.slope, np.concatenate([-d, 0 * d], -1), np.concatenate([0 * d, d], -1), [-1.0, 1.0])
+            # from 3e7 m to 2e-6 m: an extremum is flat, and where two roots all but meet neither is worth more
+            turning = _halve(
+                line.slope, np.concatenate([-d, 0 * d], -1), np.concatenate([0 * d, d], -1), [-1.0, 1.0], halvings=44
+            )
         first, second = turning[..., :1], turning[..., 1:]
         first, second = np.where(waves, first, line.p), np.where(waves, second, line.p)
         # beyond this the pull of the Earth is smaller than what the rest of f has gained
@@ -273,11 +277,16 @@ class RangingEquation:
         return np.where(good, found, np.nan), np.where(good[..., None], states, np.nan)
 
 
-def _halve(function: Callable[[Array], Array], low: Array, high: Array, rising: ArrayLike) -> Array:
-    """Return the sign changes of a function that rises (1) or falls (-1) in each interval."""
+def _halve(function: Function, low: Array, high: Array, rising: ArrayLike, halvings: int = 52) -> Array:
+    """Return the sign changes of a function that rises (1) or falls (-1) in each interval.
+
+    Halving, not Newton's iteration: near a double root that is slow, and the slowest of all trials sets the pace. 52 times
+    is to the last bit of the interval's length.
+    """
     sign = np.asarray(rising)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        below = function(middle) * sign < 0
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return 0.5 * (low + high)
+    half = 0.5 * (high - low)
+    x = low + half
+    for _ in range(halvings):
+        half = 0.5 * half
+        x = x - np.copysign(half, function(x) * sign)
+    return x

@@ -45,7 +45,9 @@ def test_the_packaged_scenario_is_the_papers():
     np.testing.assert_allclose(observer, OBSERVER, rtol=1e-12, atol=1e-6)
     np.testing.assert_array_equal(satellite_ranging.prior_covariance(scenario), PRIOR)
     np.testing.assert_allclose(satellite_ranging.true_sensor(scenario).sigmas, SIGMAS)
-    assert satellite_ranging.gravity(scenario).mu == EARTH.mu and scenario.duration_s == 5000 and scenario.period_s == 10
+    assert (
+        satellite_ranging.gravity(scenario).mu == EARTH.mu and scenario.duration_s == 5000 and scenario.period_s == 10
+    )
     assert list(scenario.estimators) == ["ra", "ra_look_ahead", "ra_paper", "bo", "bcr", "iekf", "ukf", "bank"]
 
 
@@ -120,7 +122,9 @@ def test_the_cost_in_python_calls_does_not_grow_with_the_trials():
     import sys
 
     def calls(trials):
-        study = Study(NAME, estimators=["ra", "iekf"], trials=trials, set={"duration_s": 300, "estimators.iekf.max_iterations": 1})
+        study = Study(
+            NAME, estimators=["ra", "iekf"], trials=trials, set={"duration_s": 300, "estimators.iekf.max_iterations": 1}
+        )
         counted = 0
 
         def count(frame, event, argument):
@@ -261,9 +265,7 @@ def test_table_ra(full):
 @pytest.mark.slow
 def test_table_raw_six(full):
     raw = curves(full, "iekf")[0]
-    assert within(
-        at(full, raw, 100, 500, 1000, 2500, 5000), [(29, 44), (10, 14), (5, 7), (2.8, 3.9), (1.8, 2.3)]
-    )
+    assert within(at(full, raw, 100, 500, 1000, 2500, 5000), [(29, 44), (10, 14), (5, 7), (2.8, 3.9), (1.8, 2.3)])
     assert 5.6 <= armse(raw) <= 6.7
     assert not diverged(full).sel(estimator=["iekf", "ukf", "bank"]).any()
 
@@ -340,7 +342,10 @@ def test_polar_full_size():
     lost = {name: int(diverged(result).sel(estimator=name).sum()) for name in names}
     print("polar", lost, {name: armse(curves(result, name)[0]) for name in names})
     assert lost["ra_normal_look_ahead"] == 0 and lost["iekf"] == 0
-    assert armse(curves(result, "ra_look_ahead")[0]) > 2 * armse(curves(result, "ra_normal_look_ahead")[0])
+    early = {name: at(result, curves(result, name)[0], 100)[0] for name in names}
+    # some runs take a false plane, or find none and wait: 190 km against 52 km
+    assert early["ra_look_ahead"] > 2 * early["ra_normal_look_ahead"]
+    assert armse(curves(result, "ra_look_ahead")[0]) > 1.3 * armse(curves(result, "ra_normal_look_ahead")[0])
 
 
 @pytest.mark.slow
