@@ -399,6 +399,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         signals={port: ranging.GetOutputPort(port) for port in ("ranges", "range_sigmas")},
         dashed=dashed,
         frame="inertial",
+        looks_ahead=[name for name, block in blocks.items() if isinstance(block, RangeDecomposed) and block.look_ahead],
         # a tenth of the initial error, as in (61): of its expectation, so that all estimators are held to the same
         convergence=0.1 * math.sqrt(np.trace(covariance[:3, :3])),
     )

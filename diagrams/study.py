@@ -299,6 +299,7 @@ class Study:
             "frame": wired.frame,
             "divergence_m": wired.divergence,
             "scenario": dump(request.scenario, comments=False),
+            **({"looks_ahead": ",".join(wired.looks_ahead)} if wired.looks_ahead else {}),
             **({} if wired.convergence is None else {"convergence_m": wired.convergence}),
         }
 

@@ -59,6 +59,7 @@ def test_every_variant_runs(variant):
     summary = summarise(result)
     assert summary["iekf"]["rmse_height_m"][-1] is None and summary["iekf"]["rmse_course_deg"][-1] is None
     assert summary["iekf"]["rmse_position_m"][-1] < 60 * KM
+    assert summary["ra"]["causal"] and not summary["ra_look_ahead"]["causal"]
     assert summary["iekf"]["bound_position_m"][-1] > 0 and summary["iekf"]["bound_height_m"][-1] is None
 
 
