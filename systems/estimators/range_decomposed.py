@@ -56,8 +56,9 @@ class RangeDecomposed(Estimator):
     from clustering the candidates of the first `plane_epochs` epochs and then follows the filter's own state.
 
     Until those epochs are there the estimate is the prior; then all of them are used at once, from the prior of the
-    first. Where fewer than half of them agree on a plane, the next ones are waited for. With `look_ahead` the epochs come
-    on the port ``preview`` when the run begins, and the filter works from the first one on, as in the paper: not causal.
+    first. Where fewer than half of them agree on a plane, the next ones are waited for. With `look_ahead` the epochs
+    come on the port ``preview`` when the run begins, and the filter works from the first one on, as in the paper: not
+    causal.
 
     The innovation is that of the raw rows; NIS and its degrees of freedom are those of the position (3, or 0 where no
     root was used).

@@ -280,8 +280,8 @@ class RangingEquation:
 def _halve(function: Function, low: Array, high: Array, rising: ArrayLike, halvings: int = 52) -> Array:
     """Return the sign changes of a function that rises (1) or falls (-1) in each interval.
 
-    Halving, not Newton's iteration: near a double root that is slow, and the slowest of all trials sets the pace. 52 times
-    is to the last bit of the interval's length.
+    Halving, not Newton's iteration: near a double root that is slow, and the slowest of all trials sets the pace. 52
+    times is to the last bit of the interval's length.
     """
     sign = np.asarray(rising)
     half = 0.5 * (high - low)

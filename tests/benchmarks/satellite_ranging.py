@@ -42,9 +42,9 @@ def compare(size: Size) -> Section:
     for j2 in (False, True):
         _add(section, j2, size)
     section.notes += [
-        "Roots: all positive roots of the ranging equation and the gates. RA: roots, choice by the orbit plane, covariance "
-        "at the prediction, prediction with variational equations, update, plane. Filter alone: prediction and one "
-        "extended Kalman update with the raw six rows.",
+        "Roots: all positive roots of the ranging equation and the gates. RA: roots, choice by the orbit plane, "
+        "covariance at the prediction, prediction with variational equations, update, plane. "
+        "Filter alone: prediction and one extended Kalman update with the raw six rows.",
         "The thresholds are for an idle core of 2 GHz.",
     ]
     return section

@@ -76,7 +76,7 @@ def test_covariances_are_symmetric_and_positive_definite(batches, name):
 
 @pytest.mark.parametrize("name", OWN_SENSOR)
 def test_twenty_epochs_without_a_row_are_predicted(scene, name):
-    measured, observer, prior = (array[:7] for array in scene)
+    prior = scene[2][:7]
     longer, own, _ = measurements(7, 60, 23)
     longer[:, 24:44] = np.nan
     values = play(name, longer, np.tile(own, (7, 1, 1)), prior)

@@ -12,7 +12,7 @@ from systems.measurement.ranged_position import RangedPosition
 from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
 from systems.motion.orbital import OrbitalMotion
 from tests.laws.rig import run
-from tests.systems.ranging_scene import EARTH, PRIOR, SIGMAS, TARGET, measurements, sensor
+from tests.systems.ranging_scene import EARTH, PRIOR, TARGET, measurements, sensor
 
 CLOCK = Periodic(10.0)
 TRIALS = 4

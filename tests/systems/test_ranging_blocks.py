@@ -76,7 +76,7 @@ def test_the_preview_needs_so_many_ticks():
 
 def test_ranging_block():
     trials = 5
-    prediction = np.tile(TARGET + [1e5, -1e5, 5e4, 0, 0, 0], (trials, 1))
+    prediction = np.tile(TARGET + np.array([1e5, -1e5, 5e4, 0, 0, 0]), (trials, 1))
     _, eye, ranging, _, value = build(trials, feedback=prediction)
     measured, equation = value(eye, "measurement", 6), ranging.position.equation
     ranges = value(ranging, "ranges", 3)
@@ -129,5 +129,5 @@ def test_platform_error_has_the_spread_it_says():
     scaled = error.error(Draw(3, 0)) / np.array([100.0] * 3 + [0.5] * 3)
     assert scaled.shape == (4000, 2, 6) and abs(scaled.std() - 1) < 0.02
     np.testing.assert_array_equal(PlatformError(10, 2, 100.0, 0.5).error(Draw(3, 7)), error.error(Draw(3, 0))[7:17])
-    with pytest.raises(ValueError, match="sigma of the platform's position: -1.0 is not allowed"):
+    with pytest.raises(ValueError, match=r"sigma of the platform's position: -1\.0 is not allowed"):
         PlatformError(1, 1, -1.0)

@@ -143,7 +143,7 @@ def test_as_printed_the_equation_misses():
 
 def test_j2_enters_with_a_plus_on_the_right():
     """(58) prints -C1 - C2; the equation that holds has C1 - C2. |C1| <= 4.4e-4, |C2| <= 7.5e-3 m/s^2."""
-    equation, exact, observer, target, distance = scene(True)
+    _equation, exact, observer, target, distance = scene(True)
     e = sight_axes(exact[:, 0], exact[:, 1]).radial
 
     def bulge(states):

@@ -91,7 +91,7 @@ def test_angles_are_wrapped():
 def test_an_unknown_row_and_a_sigma_of_zero_are_refused():
     with pytest.raises(ValueError, match=r"rows: \['range'\] is not allowed"):
         RelativeKinematics({"range": 1.0})
-    with pytest.raises(ValueError, match="sigma_azimuth: 0.0 is not allowed"):
+    with pytest.raises(ValueError, match=r"sigma_azimuth: 0\.0 is not allowed"):
         RelativeKinematics({"azimuth": 0.0})
 
 

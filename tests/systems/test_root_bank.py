@@ -75,5 +75,5 @@ def test_the_first_epoch_is_used_once():
 def test_it_needs_the_six_rows():
     with pytest.raises(ValueError, match="ranging needs all rows"):
         RootsStart(RelativeKinematics({"azimuth": 1e-3}, EARTH), ("azimuth",))
-    with pytest.raises(ValueError, match="inflation: 0.0 is not allowed"):
+    with pytest.raises(ValueError, match=r"inflation: 0\.0 is not allowed"):
         RootsStart(sensor(), tuple(ROWS), 0.0)

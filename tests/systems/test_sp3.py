@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from systems.motion.orbital import OrbitalMotion
+from systems.plants.orbit import DenseOrbit
 from systems.plants.sp3 import read_sp3
 from tests.systems.ranging_scene import EARTH
 
@@ -96,6 +97,10 @@ def test_jason_2_for_one_revolution(recorded):
     times, states = orbit.inertial()
     radius = np.linalg.norm(states[:, :3], axis=-1)
     assert np.all(np.abs(radius - 7.714e6) < 30e3)
+    for j2, limit in ((True, 600.0), (False, 61e3)):
+        plant = DenseOrbit(states[:1], times[112], EARTH, j2)
+        off = np.linalg.norm((plant.at(times[112])[0] - states[112])[:3])
+        assert limit / 2 < off < limit
     starts, off = np.arange(0, 1120, 16), {}
     for j2 in (True, False):
         motion, state = OrbitalMotion(EARTH, j2), states[starts]
