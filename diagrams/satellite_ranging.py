@@ -94,7 +94,10 @@ class Sp3:
 class Truth:
     """What is the case."""
 
-    j2: bool = documented("whether J2 acts on both satellites", False)
+    j2: bool = documented(
+        "whether J2 acts on both satellites; with a recorded target: whether it is in the acceleration that is measured",
+        False,
+    )
     sigma_angle_mrad: float = number("standard deviation of azimuth and elevation [mrad]", 1.0, above=0)
     sigma_angle_rate_mradps: float = number("standard deviation of their rates [mrad/s]", 0.01, above=0)
     sigma_radial_velocity_mps: float = number("standard deviation of the radial velocity [m/s]", 10.0, above=0)
@@ -176,15 +179,11 @@ def _sigmas(scenario: Scenario, believed: bool) -> dict[str, float]:
 
 def true_sensor(scenario: Scenario) -> RelativeKinematics:
     """Return the sensor as it is, with all six rows."""
-    # A recorded satellite feels all of the real Earth; of that two-body and J2 are what matters here.
-    flat = scenario.truth.j2 or isinstance(scenario.target, Sp3)
-    return RelativeKinematics(_sigmas(scenario, False), gravity(scenario), flat)
+    return RelativeKinematics(_sigmas(scenario, False), gravity(scenario), scenario.truth.j2)
 
 
 def _believed_j2(scenario: Scenario) -> bool:
-    if scenario.belief.j2 is not None:
-        return scenario.belief.j2
-    return scenario.truth.j2 or isinstance(scenario.target, Sp3)
+    return scenario.truth.j2 if scenario.belief.j2 is None else scenario.belief.j2
 
 
 def believed_sensor(scenario: Scenario, kinds: Sequence[str] = ()) -> RelativeKinematics:

@@ -107,7 +107,8 @@ def _between_satellites():
     return Geometry(state_of(low, _EARTH.mu), state_of(high, _EARTH.mu)[None, None])
 
 
-GEOMETRIES = {"satellites": _over_satellites(), "stations": _over_stations(), "orbits": _between_satellites()}
+EARTH_FIXED = {"satellites": _over_satellites(), "stations": _over_stations()}
+GEOMETRIES = {**EARTH_FIXED, "orbits": _between_satellites()}
 
 # ---------------------------------------------------------------------------------------- measurement models
 
