@@ -95,7 +95,7 @@ class Truth:
     """What is the case."""
 
     j2: bool = documented(
-        "whether J2 acts on both satellites; with a recorded target: whether it is in the acceleration that is measured",
+        "whether J2 acts on both satellites; for a recorded target: in the acceleration that is measured",
         False,
     )
     sigma_angle_mrad: float = number("standard deviation of azimuth and elevation [mrad]", 1.0, above=0)
@@ -281,8 +281,9 @@ def recorded_orbit(scenario: Scenario) -> tuple[Array, Array]:
     folder = os.environ.get("QUIETFIX_DATA")
     if not folder or not (Path(folder) / "sp3").is_dir():
         raise UserError(
-            f"target: the recorded orbit {target.file} needs the folder sp3 of recorded data "
-            f"({folder or 'QUIETFIX_DATA is not set'}); public source: ftp://doris.ign.fr/pub/doris/products/orbits/grg/"
+            f"target.file: {target.file} is looked for in the folder sp3 of the recorded data, which the environment "
+            f"variable QUIETFIX_DATA names ({folder or 'not set'}); "
+            "source: ftp://doris.ign.fr/pub/doris/products/orbits/grg/ja2/"
         )
     path = Path(folder) / "sp3" / target.file
     try:

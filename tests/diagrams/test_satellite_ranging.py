@@ -168,7 +168,7 @@ def test_mistakes_are_one_clear_line(settings, words):
 
 def test_recorded_truth_without_data(monkeypatch):
     monkeypatch.setenv("QUIETFIX_DATA", "/nowhere")
-    with pytest.raises(UserError, match=r"needs the folder sp3 of recorded data \(/nowhere\); public source: ftp"):
+    with pytest.raises(UserError, match=r"QUIETFIX_DATA names \(/nowhere\); source: ftp"):
         Study(NAME, variant="jason2", trials=1)
 
 
@@ -203,6 +203,7 @@ def test_ra_and_raw_six_early(short):
     np.testing.assert_allclose(causal[20:], ahead[20:], rtol=1e-6)
     assert at(short, causal, 180)[0] > 700 and converged(short, causal) in (190.0, 200.0, 210.0)
     assert not diverged(short).sel(estimator=["ra", "ra_look_ahead", "iekf", "ukf", "bank"]).any()
+    assert summarise(short)["ra"]["convergence_time_s"] == converged(short, causal)
 
 
 def test_the_bounds_early(short):
