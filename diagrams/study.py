@@ -269,7 +269,8 @@ class Study:
                 ("estimator", "trial", "time", "innovation_row"),
                 per_estimator("innovation", rows),
             )
-        stream = next(iter(wired.estimators.values())).wiring.stream
+        rows = signals["measurement"].shape[-1] if "measurement" in signals else 0
+        stream = next((e.wiring.stream for e in wired.estimators.values() if len(e.wiring.stream) == rows), range(rows))
         coordinates: dict[str, Any] = {
             "estimator": names,
             "trial": np.arange(first, first + count),
@@ -280,7 +281,7 @@ class Study:
         if "measurement" in data:
             coordinates["row"] = list(stream)
         dataset = xr.Dataset(data, coordinates, self.attributes(wired))
-        dataset["truth"].attrs["long_name"] = "state of the target, Earth-fixed"
+        dataset["truth"].attrs["long_name"] = f"state of the target, {wired.frame.replace('_', '-')} axes"
         return dataset
 
     def attributes(self, wired: Wired) -> dict[str, Any]:
@@ -295,9 +296,11 @@ class Study:
             "keep": request.keep,
             "every": request.every,
             "version": _version(),
-            "frame": "earth_fixed",
+            "frame": wired.frame,
             "divergence_m": wired.divergence,
             "scenario": dump(request.scenario, comments=False),
+            **({"looks_ahead": ",".join(wired.looks_ahead)} if wired.looks_ahead else {}),
+            **({} if wired.convergence is None else {"convergence_m": wired.convergence}),
         }
 
 

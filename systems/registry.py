@@ -14,6 +14,9 @@ ESTIMATORS: dict[str, str] = {
     "ekf": "systems.estimators.ekf:Ekf",
     "ukf": "systems.estimators.ukf:Ukf",
     "iekf_hypotheses": "systems.estimators.iekf_hypotheses:IekfHypotheses",
+    "ra": "systems.estimators.range_decomposed:Ra",
+    "ra_paper": "systems.estimators.range_decomposed:RaPaper",
+    "bank": "systems.estimators.bank:Bank",
     "custom": "systems.estimators.custom:Custom",
 }
 """Options class of each estimator, as ``module:Class``."""

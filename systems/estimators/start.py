@@ -22,9 +22,12 @@ class Start(ABC):
         True where the belief is made from the measurement of the same instant, which is then not used again.
     inputs : mapping of str to int
         Further input ports that the estimator declares for its start, with their sizes.
+    count : int
+        Most hypotheses that it gives in a trial; more than one only to an estimator that can tell them apart.
     """
 
     uses_measurement: bool = False
+    count: int = 1
 
     @property
     def inputs(self) -> Mapping[str, int]:
