@@ -73,7 +73,7 @@ def test_uniform_never_touches_the_ends():
     assert u.min() > 0 and u.max() < 1
     assert np.isfinite(normal(0, "s", 0, 10**5, 0, 4)).all()
     smallest, largest = (0 + 0.5) * 2.0**-52, (2**52 - 1 + 0.5) * 2.0**-52
-    assert 0 < smallest and largest < 1  # what 52 bits can give; 53 would round to 1
+    assert smallest > 0 and largest < 1  # what 52 bits can give; 53 would round to 1
 
 
 def test_nothing_to_draw():

@@ -73,7 +73,7 @@ def test_a_wrong_height_hardly_moves_the_phase(where, height_error):
 
 
 def test_every_trial_for_itself():
-    target, measurement, prediction = scene(6)
+    _, measurement, prediction = scene(6)
     clean, _ = resolved(measurement, prediction)
     measurement[1, 0] = np.nan  # no fix
     prediction[2] = np.nan  # no height
