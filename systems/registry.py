@@ -14,6 +14,10 @@ ESTIMATORS: dict[str, str] = {
     "ekf": "systems.estimators.ekf:Ekf",
     "ukf": "systems.estimators.ukf:Ukf",
     "iekf_hypotheses": "systems.estimators.iekf_hypotheses:IekfHypotheses",
+    "mgekf": "systems.estimators.mgekf:Mgekf",
+    "range_bank": "systems.estimators.range_bank:RangeBank",
+    "crossing": "systems.estimators.crossing:Crossing",
+    "ml": "systems.estimators.ml:Ml",
     "custom": "systems.estimators.custom:Custom",
 }
 """Options class of each estimator, as ``module:Class``."""

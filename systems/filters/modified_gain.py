@@ -12,6 +12,7 @@ from systems.filters.linear_algebra import cholesky, symmetric
 from systems.filters.square_root import Gains, Posterior, statistic
 from systems.filters.whitening import Whitener, missing_rows
 from systems.measurement.base import MeasurementModel
+from systems.measurement.bearing import Bearing
 
 __all__ = ["ModifiedGainKalman"]
 
@@ -40,7 +41,7 @@ class ModifiedGainKalman(GaussianFilter):
         whitener: Whitener,
     ) -> Posterior:
         """See `GaussianFilter.update`."""
-        if not hasattr(model, "secant"):
+        if not isinstance(model, Bearing):
             raise ValueError(f"a modified gain filter needs bearings; {', '.join(model.names)} has no modified gain")
         value, jacobian = model.linearize(mean, platforms)
         secant = model.secant(measurement, mean, platforms)
