@@ -1,0 +1,159 @@
+"""Crossing locators: first and current line, sliding pair, least squares of all lines, instrumental variable."""
+
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.documented import choice, count, number, text
+from systems.estimators.base import Estimator, Memory, Wiring
+from systems.estimators.bearing_lines import BearingLocator, Lately, Sighting
+from systems.estimators.options import EstimatorOptions
+from systems.estimators.start import Start
+from systems.fixes.crossing import Lines, crossing, crossing_covariance, instrumental_variable
+from systems.measurement.base import MeasurementModel
+from systems.motion.base import MotionModel
+
+__all__ = ["Crossing", "CrossingLocator", "Method"]
+
+Array = NDArray[np.float64]
+Method = Literal["first", "pair", "lines", "iv"]
+
+
+class CrossingLocator(BearingLocator):
+    """Locate a target at rest in the plane where lines of bearing cross.
+
+    Parameters
+    ----------
+    name, model, motion, start, wiring
+        See `BearingLocator`.
+    method : {'first', 'pair', 'lines', 'iv'}
+        ``first``: the first line and the current one, which reproduces the paper's figures best. ``pair``: the current
+        line and the one `baseline` ago. ``lines``: unweighted least squares of all. ``iv``: weighted instrumental
+        variable of all, three times renewed.
+    baseline : float
+        For ``pair``: at least so long between the two lines [s].
+    window : int
+        For ``pair`` and ``iv``: lines that are kept; older ones are forgotten.
+    sigma_position : float
+        Error of the platform's position per axis that is believed in [m].
+    """
+
+    def __init__(
+        self,
+        name: str,
+        model: MeasurementModel,
+        motion: MotionModel,
+        start: Start,
+        wiring: Wiring,
+        method: Method = "first",
+        baseline: float = 200.0,
+        window: int = 1024,
+        sigma_position: float = 0.0,
+    ) -> None:
+        if method not in get_args(Method):
+            raise ValueError(f"{name}: method {method} is not allowed; one of {', '.join(get_args(Method))}")
+        self.method = method
+        self.baseline = baseline
+        self.sigma_position = sigma_position
+        self._lately = Lately(window, 1, 2, timed=method == "pair", weighed=True)
+        super().__init__(name, model, motion, start, wiring)
+
+    def kept_sizes(self) -> Mapping[str, int]:
+        """See `BearingLocator.kept_sizes`."""
+        if self.method == "first":
+            return {"line": 4}  # x, y, azimuth, variance
+        sums = {"origin": 2, "sums": 22}
+        return sums if self.method == "lines" else {**self._lately.sizes(), **(sums if self.method == "iv" else {})}
+
+    def locate(self, kept: Memory, sighting: Sighting, mean: Array, covariance: Array) -> tuple[Memory, Array, Array]:
+        """See `BearingLocator.locate`."""
+        azimuth, variance = sighting.angles[:, 0], sighting.variance[:, 0]
+        there = sighting.there
+        place = sighting.place[:, :2]
+        if self.method == "first":
+            line = kept["line"]
+            before = np.isfinite(line).all(axis=-1)
+            position, spread = self._cross(line, place, azimuth, variance)
+            new = np.column_stack([place, azimuth, variance])
+            kept = {"line": np.where((~before & there)[:, None], new, line)}
+        elif self.method == "pair":
+            position, spread = self._cross(self._earlier(kept, sighting.time), place, azimuth, variance)
+            kept, _ = self._lately.push(kept, sighting)
+        else:
+            sums, origin = self._sums(kept, sighting)
+            position, spread = sums.fix(self.sigma_position)
+            position = position + origin
+            kept = {**kept, "origin": origin, "sums": sums.flatten()}
+            if self.method == "iv":
+                pushed, _ = self._lately.push(kept, sighting)
+                kept = {**kept, **pushed}
+                rings = self._lately.unpack(kept)
+                better, tight = instrumental_variable(
+                    rings["angles"][..., 0],
+                    rings["variances"][..., 0],
+                    rings["places"],
+                    position,
+                    sigma_position=self.sigma_position,
+                )
+                position, spread = better, tight
+        return kept, *self.whole(position, spread, mean, covariance)
+
+    def _cross(self, line: Array, place: Array, azimuth: Array, variance: Array) -> tuple[Array, Array]:
+        position = crossing(line[:, :2], line[:, 2], place, azimuth)
+        return position, crossing_covariance(position, line[:, :2], place, line[:, 3], variance, self.sigma_position)
+
+    def _earlier(self, kept: Memory, now: float) -> Array:
+        """Return the latest line that is at least a baseline old, shape (trials, 4); NaN where there is none."""
+        rings = self._lately.unpack(kept)
+        times = rings["times"]
+        trials, filled = times.shape
+        if filled == 0:
+            return np.full((trials, 4), np.nan)
+        old = np.where(times <= now - self.baseline + 1e-9 * self.baseline, times, -np.inf)
+        pick = old.argmax(axis=-1)
+        rows = np.arange(trials)
+        line = np.concatenate(
+            [rings["places"][rows, pick], rings["angles"][rows, pick], rings["variances"][rows, pick]], axis=-1
+        )
+        return np.where(np.isfinite(old[rows, pick])[:, None], line, np.nan)
+
+    def _sums(self, kept: Memory, sighting: Sighting) -> tuple[Lines, Array]:
+        """Return the sums with the line of now, counted from each trial's first place."""
+        origin = np.where((np.isnan(kept["origin"]).any(axis=-1) & sighting.there)[:, None], sighting.place[:, :2], kept["origin"])
+        sums = Lines.unflatten(np.nan_to_num(kept["sums"]))
+        offset = sighting.place[:, :2] - origin
+        return sums.add(offset, sighting.angles[:, 0], sighting.variance[:, 0]), origin
+
+
+@dataclass
+class Crossing(EstimatorOptions):
+    """Crossing of lines of bearing, raw or filtered."""
+
+    bearings: str = text("raw, or the name of one of the scenario's azimuth filters", "raw")
+    method: str = choice(
+        "first: first and current line; pair: current line and the one baseline_s ago; lines: least squares of all; "
+        "iv: weighted instrumental variable of all",
+        "first",
+        get_args(Method),
+    )
+    baseline_s: float = number("for pair: time between the two lines [s]", 200.0, above=0)
+    window: int = count("for pair and iv: so many lines are kept", 1024, at_least=2)
+    sigma_position_m: float = number("error of the observer's position per axis that it believes in [m]", 0.0, at_least=0)
+
+    def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
+        """Return the estimator block."""
+        return CrossingLocator(
+            name,
+            model,
+            motion,
+            start,
+            wiring,
+            self.method,  # type: ignore[arg-type]
+            self.baseline_s,
+            self.window,
+            self.sigma_position_m,
+        )
