@@ -269,7 +269,6 @@ class Study:
                 ("estimator", "trial", "time", "innovation_row"),
                 per_estimator("innovation", rows),
             )
-        stream = next(iter(wired.estimators.values())).wiring.stream
         coordinates: dict[str, Any] = {
             "estimator": names,
             "trial": np.arange(first, first + count),
@@ -278,9 +277,9 @@ class Study:
             "state_units": ("state", list(motion.units)),
         }
         if "measurement" in data:
-            coordinates["row"] = list(stream)
+            coordinates["row"] = wired.rows
         dataset = xr.Dataset(data, coordinates, self.attributes(wired))
-        dataset["truth"].attrs["long_name"] = "state of the target, Earth-fixed"
+        dataset["truth"].attrs["long_name"] = f"state of the target, {wired.frame.replace('_', '-')} axes"
         return dataset
 
     def attributes(self, wired: Wired) -> dict[str, Any]:
@@ -295,7 +294,7 @@ class Study:
             "keep": request.keep,
             "every": request.every,
             "version": _version(),
-            "frame": "earth_fixed",
+            "frame": wired.frame,
             "divergence_m": wired.divergence,
             "scenario": dump(request.scenario, comments=False),
         }

@@ -51,6 +51,12 @@ class Wired:
         Further signals worth a log, such as resolved integers.
     dashed : sequence of (str, str)
         Feedback connections (from block, to block) of the drawing.
+    frame : {'earth_fixed', 'local'}
+        Axes of all states. ``local``: east, north and, where there is a third axis, up, on a flat Earth.
+    axes : int
+        Number of space dimensions: a state begins with so many coordinates, and then as many velocities if any.
+    stream : sequence of str, optional
+        Names of the rows of `measurement`; by default those that the first estimator is wired to.
     """
 
     truth: OutputPort
@@ -66,6 +72,14 @@ class Wired:
     sensed: OutputPort | None = None
     signals: Mapping[str, OutputPort] = field(default_factory=dict)
     dashed: Sequence[tuple[str, str]] = ()
+    frame: str = "earth_fixed"
+    axes: int = 3
+    stream: Sequence[str] | None = None
+
+    @property
+    def rows(self) -> list[str]:
+        """Names of the rows of `measurement`."""
+        return list(self.stream or next(iter(self.estimators.values())).wiring.stream)
 
 
 @dataclass(frozen=True)
