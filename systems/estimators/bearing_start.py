@@ -87,31 +87,51 @@ class BearingStart(Start):
         """
         distance = self.distance if distance is None else distance
         spread = self.sigma_distance if sigma_distance is None else sigma_distance
-        axes, trials = self.axes, angles.shape[0]
-        c, s = np.cos(angles[:, 0]), np.sin(angles[:, 0])
-        square = distance**2 + spread**2
-        if axes == 2:
-            along = np.stack([c, s], axis=-1)
-            across = [(np.stack([-s, c], axis=-1), square * self.model.sigma**2)]
-        else:
-            ce, se, zero = np.cos(angles[:, 1]), np.sin(angles[:, 1]), np.zeros_like(c)
-            along = np.stack([ce * c, ce * s, se], axis=-1)
-            assert self.model.sigma_elevation is not None
-            across = [
-                (np.stack([-ce * s, ce * c, zero], axis=-1), square * self.model.sigma**2),
-                (np.stack([-se * c, -se * s, ce], axis=-1), square * self.model.sigma_elevation**2),
-            ]
-        covariance = np.zeros((trials, self.size, self.size))
-        covariance[:, :axes, :axes] = sum(
-            variance * direction[:, :, None] * direction[:, None, :]
-            for direction, variance in [(along, spread**2), *across]
-        )
-        covariance[:, range(axes, self.size), range(axes, self.size)] = self.sigma_velocity**2
-        mean = np.where(np.isfinite(angles).all(axis=-1)[:, None], 0.0, np.nan) * np.ones((trials, self.size))
-        mean[:, :axes] += platforms[:, self.model.platform, :axes] + distance * along
-        return mean, covariance
+        along, _ = self._directions(angles)
+        trials = angles.shape[0]
+        mean = np.zeros((trials, self.size))
+        mean[:, : self.axes] = platforms[:, self.model.platform, : self.axes] + distance * along
+        mean[~np.isfinite(mean).all(axis=-1)] = np.nan
+        square = np.full(trials, distance**2 + spread**2)
+        return mean, self._covariance(angles, square, spread)
 
-    def covariance_at(self, target: Array, platforms: Array) -> Array:
-        """Return the covariance of the start for a target at `target` (trials, n), shape (trials, n, n)."""
-        angles = self.model.predict(target, platforms)
-        return self.belief(angles, platforms)[1]
+    def covariance_at(self, target: Array, platforms: Array, sigma_distance: float | None = None) -> Array:
+        """Return the inverse of what the first bearing and the assumed range tell of a target at `target` (trials, n).
+
+        Parameters
+        ----------
+        target : ndarray, shape (trials, n)
+        platforms : ndarray, shape (1 or trials, p, >= axes)
+        sigma_distance : float, optional
+            Instead of the start's own [m].
+
+        Returns
+        -------
+        ndarray, shape (trials, n, n)
+        """
+        offset = target[:, : self.axes] - platforms[:, self.model.platform, : self.axes]
+        square = np.einsum("...i,...i->...", offset, offset)
+        spread = self.sigma_distance if sigma_distance is None else sigma_distance
+        return self._covariance(self.model.predict(target, platforms), square, spread)
+
+    def _directions(self, angles: Array) -> tuple[Array, list[tuple[Array, float]]]:
+        """Return the unit vector along a bearing, and those across it with the variance of their angle."""
+        c, s = np.cos(angles[:, 0]), np.sin(angles[:, 0])
+        variances = np.square(self.model.sigmas)
+        if self.axes == 2:
+            return np.stack([c, s], axis=-1), [(np.stack([-s, c], axis=-1), variances[0])]
+        ce, se = np.cos(angles[:, 1]), np.sin(angles[:, 1])
+        sideways = np.stack([-ce * s, ce * c, np.zeros_like(c)], axis=-1)
+        upwards = np.stack([-se * c, -se * s, ce], axis=-1)
+        return np.stack([ce * c, ce * s, se], axis=-1), [(sideways, variances[0]), (upwards, variances[1])]
+
+    def _covariance(self, angles: Array, square: Array, spread: float) -> Array:
+        along, across = self._directions(angles)
+        axes = self.axes
+        covariance = np.zeros((angles.shape[0], self.size, self.size))
+        place = spread**2 * along[:, :, None] * along[:, None, :]
+        for direction, variance in across:
+            place = place + (square * variance)[:, None, None] * direction[:, :, None] * direction[:, None, :]
+        covariance[:, :axes, :axes] = place
+        covariance[:, range(axes, self.size), range(axes, self.size)] = self.sigma_velocity**2
+        return covariance

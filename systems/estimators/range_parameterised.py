@@ -85,6 +85,9 @@ class RangeParameterised(Estimator):
         self.algorithm = algorithm
         self.hypotheses = hypotheses
         self._ranges = intervals(nearest, farthest, hypotheses)
+        middles, sigmas = self._ranges
+        # Of the mixture that the hypotheses are at the start.
+        self.sigma_distance = float(np.sqrt(np.mean(sigmas**2 + middles**2) - middles.mean() ** 2))
         self._whitener = Whitener(model.noise_covariance())
         super().__init__(name, model, motion, _EveryRange(start, *self._ranges), wiring)
 
