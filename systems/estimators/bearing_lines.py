@@ -250,5 +250,8 @@ class Lately:
 
     def history(self, rings: Mapping[str, Array], now: float) -> BearingHistory:
         """Return rings from `unpack`, or one lost sighting with an axis in front, as a `BearingHistory`."""
-        ages = now - rings["times"] if "times" in rings else np.zeros((1, 1))
-        return BearingHistory(rings["angles"], rings["places"], ages)
+        ages = np.nan_to_num(now - rings["times"]) if "times" in rings else None
+        places = rings["places"]
+        if not np.isfinite(places.sum()):  # stand-ins; the angle of such a line is missing too
+            places = np.nan_to_num(places)
+        return BearingHistory.of(rings["angles"], places, ages)

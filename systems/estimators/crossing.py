@@ -22,6 +22,8 @@ __all__ = ["Crossing", "CrossingLocator", "Method"]
 Array = NDArray[np.float64]
 Method = Literal["first", "pair", "lines", "iv"]
 
+_GOOD_INSTRUMENT = 0.1  # standard deviation over range, below which the last estimate serves as the instrument
+
 
 class CrossingLocator(BearingLocator):
     """Locate a target at rest in the plane where lines of bearing cross.
@@ -33,7 +35,7 @@ class CrossingLocator(BearingLocator):
     method : {'first', 'pair', 'lines', 'iv'}
         ``first``: the first line and the current one, which reproduces the paper's figures best. ``pair``: the current
         line and the one `baseline` ago. ``lines``: unweighted least squares of all. ``iv``: weighted instrumental
-        variable of all, three times renewed.
+        variable of all.
     baseline : float
         For ``pair``: at least so long between the two lines [s].
     window : int
@@ -59,7 +61,7 @@ class CrossingLocator(BearingLocator):
         self.method = method
         self.baseline = baseline
         self.sigma_position = sigma_position
-        self._lately = Lately(window, 1, 2, timed=method == "pair", weighed=True)
+        self._lately = Lately(window, 1, 2, timed=method == "pair", weighed=method == "pair" or wiring.noise_port)
         super().__init__(name, model, motion, start, wiring)
 
     def kept_sizes(self) -> Mapping[str, int]:
@@ -91,20 +93,32 @@ class CrossingLocator(BearingLocator):
             if self.method == "iv":
                 pushed, _ = self._lately.push(kept, sighting)
                 kept = {**kept, **pushed}
-                rings = self._lately.unpack(kept)
-                better, tight = instrumental_variable(
-                    rings["angles"][..., 0],
-                    rings["variances"][..., 0],
-                    rings["places"],
-                    position,
-                    sigma_position=self.sigma_position,
-                )
-                position, spread = better, tight
+                position, spread = self._instrumental(kept, position, sighting, mean, covariance)
         return kept, *self.whole(position, spread, mean, covariance)
 
     def _cross(self, line: Array, place: Array, azimuth: Array, variance: Array) -> tuple[Array, Array]:
         position = crossing(line[:, :2], line[:, 2], place, azimuth)
         return position, crossing_covariance(position, line[:, :2], place, line[:, 3], variance, self.sigma_position)
+
+    def _instrumental(
+        self, kept: Memory, lines: Array, sighting: Sighting, mean: Array, covariance: Array
+    ) -> tuple[Array, Array]:
+        """Return the instrumental-variable fix; good instruments of the last epoch need to be renewed only once."""
+        rings = self._lately.unpack(kept)
+        azimuth, place = rings["angles"][..., 0], rings["places"]
+        variance = rings["variances"][..., 0] if "variances" in rings else np.array(self.model.sigma**2)
+        distance = np.linalg.norm(mean[:, :2] - sighting.place[:, :2], axis=-1)
+        vague = ~(np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1]) < _GOOD_INSTRUMENT * distance)
+        start = np.where(vague[:, None], lines, mean[:, :2])
+        position, spread = np.full_like(lines, np.nan), np.full((*lines.shape, 2), np.nan)
+        for rows, iterations in ((vague, 3), (~vague, 1)):
+            if rows.any():
+                some = slice(None) if rows.all() else rows
+                weight = variance if variance.ndim == 0 else variance[some]
+                position[some], spread[some] = instrumental_variable(
+                    azimuth[some], weight, place[some], start[some], iterations, self.sigma_position
+                )
+        return position, spread
 
     def _earlier(self, kept: Memory, now: float) -> Array:
         """Return the latest line that is at least a baseline old, shape (trials, 4); NaN where there is none."""

@@ -90,8 +90,8 @@ class MaximumLikelihood(BearingLocator):
         rings, lost = self._lately.push(kept, into_history)
         if np.isfinite(lost["angles"]).any():
             gone = self._lately.history({name: value[:, None] for name, value in lost.items()}, sighting.time)
-            prior = fold(prior, mean, _without_gaps(gone), self.model)
-        history = _without_gaps(self._lately.history(self._lately.unpack(rings), sighting.time))
+            prior = fold(prior, mean, gone, self.model)
+        history = self._lately.history(self._lately.unpack(rings), sighting.time)
         fit = self._fit(history, mean, covariance, prior, sighting)
         kept = {
             **rings,
@@ -126,17 +126,11 @@ class MaximumLikelihood(BearingLocator):
         if not vague.any():
             return fit
         rows = np.flatnonzero(vague)
-        part = BearingHistory(*(field if field.shape[0] == 1 else field[rows] for field in history))
-        again = maximum_likelihood(part, model, prior.anchor[rows], Prior(*(field[rows] for field in prior)))
+        again = maximum_likelihood(history.take(rows), model, prior.anchor[rows], Prior(*(field[rows] for field in prior)))
         likelier = again.cost < fit.cost[rows]
         chosen = rows[likelier]
         fit.state[chosen], fit.covariance[chosen] = again.state[likelier], again.covariance[likelier]
         return fit
-
-
-def _without_gaps(history: BearingHistory) -> BearingHistory:
-    """Return the history with stand-ins for places and ages that are not there; their angles stay NaN."""
-    return BearingHistory(history.angles, np.nan_to_num(history.places), np.nan_to_num(history.ages))
 
 
 @dataclass

@@ -28,11 +28,29 @@ class BearingHistory(NamedTuple):
         Where they were taken [m].
     ages : ndarray, shape (..., k)
         How long ago [s]; not read for a target at rest.
+    directions : tuple of ndarray, shape (..., k)
+        Cosine and sine of the azimuths; use `of`.
     """
 
     angles: Array
     places: Array
     ages: Array
+    directions: tuple[Array, Array]
+
+    @classmethod
+    def of(cls, angles: Array, places: Array, ages: Array | None = None) -> BearingHistory:
+        """Return the history; see the class."""
+        azimuth = angles[..., 0]
+        return cls(angles, places, np.zeros((1, 1)) if ages is None else ages, (np.cos(azimuth), np.sin(azimuth)))
+
+    def take(self, rows: Array) -> BearingHistory:
+        """Return the history of some trials; what all share stays as it is."""
+
+        def some(array: Array) -> Array:
+            return array if array.shape[0] == 1 else array[rows]
+
+        cosine, sine = self.directions
+        return BearingHistory(some(self.angles), some(self.places), some(self.ages), (some(cosine), some(sine)))
 
 
 class Prior(NamedTuple):
@@ -71,29 +89,18 @@ class Fit(NamedTuple):
     cost: Array
 
 
-def _terms(
-    state: Array, history: BearingHistory, model: Bearing, prior: Prior | None
-) -> tuple[Array, Array, Array]:
-    """Return cost (...), gradient (..., n) and information (..., n, n)."""
+def _terms(state: Array, history: BearingHistory, model: Bearing, prior: Prior | None) -> tuple[Array, Array, Array]:
+    """Return cost (...), gradient of minus the cost (..., n) and information (..., n, n)."""
     n, axes = state.shape[-1], history.places.shape[-1]
-    if n > axes:
-        past = state[..., None, :axes] - history.ages[..., None] * state[..., None, axes:]
-    else:
-        past = state[..., None, :]
-    value, rows = model.linearize(past, history.places[..., None, :])
-    with np.errstate(invalid="ignore"):
-        residual = model.residual(history.angles, value) / model.sigmas
-    there = np.isfinite(residual) & np.isfinite(rows[..., 0])
-    residual = np.where(there, residual, 0.0)
-    rows = np.where(there[..., None], rows / model.sigmas[:, None], 0.0)
-    lead, k, m = rows.shape[:-3], rows.shape[-3], rows.shape[-2]
-    if n > axes:
-        rows = np.concatenate([rows, -history.ages[..., None, None] * rows], axis=-1)
-    flat, left = rows.reshape(*lead, k * m, n), residual.reshape(*lead, k * m)
-    turned = np.swapaxes(flat, -1, -2)
-    gradient = (turned @ left[..., None])[..., 0]
-    information = turned @ flat
-    cost = 0.5 * np.einsum("...k,...k->...", left, left)
+    rows, residual = (_azimuths if model.size == 1 else _all_angles)(state, history, model)
+    if n > axes and model.size == 1:
+        rows += [-history.ages * row for row in rows]
+    gradient = np.stack([_over_lines(row, residual) for row in rows], axis=-1)
+    information = np.empty((*gradient.shape, n))
+    for i, row in enumerate(rows):
+        for j in range(i + 1):
+            information[..., i, j] = information[..., j, i] = _over_lines(row, rows[j])
+    cost = 0.5 * _over_lines(residual, residual)
     if prior is not None:
         off = state - prior.anchor
         pulled = np.einsum("...ij,...j->...i", prior.information, off)
@@ -101,6 +108,52 @@ def _terms(
         gradient = gradient + prior.vector - pulled
         information = information + prior.information
     return cost, gradient, information
+
+
+def _over_lines(a: Array, b: Array) -> Array:
+    return np.einsum("...k,...k->...", a, b)
+
+
+def _azimuths(state: Array, history: BearingHistory, model: Bearing) -> tuple[list[Array], Array]:
+    """Return derivatives with respect to x and y, and residuals, (..., k), over sigma; component by component.
+
+    A thousand bearings of a hundred trials are fitted at every epoch: this is where the time goes. Turning the offset
+    into the axes of the line of bearing gives a residual that is wrapped already.
+    """
+    x, y = state[..., None, 0], state[..., None, 1]
+    if state.shape[-1] > 2:
+        x, y = x - history.ages * state[..., None, 2], y - history.ages * state[..., None, 3]
+    dx, dy = x - history.places[..., 0], y - history.places[..., 1]
+    cosine, sine = history.directions
+    residual = np.arctan2(sine * dx - cosine * dy, cosine * dx + sine * dy)
+    square = dx * dx
+    square += dy * dy
+    square *= model.sigma
+    with np.errstate(divide="ignore", invalid="ignore"):
+        np.divide(1.0, square, out=square)
+        rows = [-dy * square, dx * square]
+    residual /= model.sigma
+    if not np.isfinite(residual.sum() + square.sum()):
+        there = np.isfinite(residual) & np.isfinite(square)
+        residual = np.where(there, residual, 0.0)
+        rows = [np.where(there, row, 0.0) for row in rows]
+    return rows, residual
+
+
+def _all_angles(state: Array, history: BearingHistory, model: Bearing) -> tuple[list[Array], Array]:
+    """Return derivatives with respect to the state, and residuals, (..., k * m), over sigma, for any angles."""
+    n, axes = state.shape[-1], history.places.shape[-1]
+    past = state[..., None, :axes]
+    if n > axes:
+        past = past - history.ages[..., None] * state[..., None, axes:]
+    value, rows = model.linearize(past, history.places[..., None, :])
+    residual = model.residual(history.angles, value) / model.sigmas
+    there = np.isfinite(residual) & np.isfinite(rows[..., 0])
+    rows = np.where(there[..., None], rows / model.sigmas[:, None], 0.0)
+    if n > axes:
+        rows = np.concatenate([rows, -history.ages[..., None, None] * rows], axis=-1)
+    flat = rows.reshape(*rows.shape[:-3], -1, n)
+    return [flat[..., i] for i in range(n)], np.where(there, residual, 0.0).reshape(flat.shape[:-1])
 
 
 def fold(prior: Prior, state: Array, history: BearingHistory, model: Bearing) -> Prior:
@@ -182,7 +235,7 @@ def maximum_likelihood(
         gain = 0.5 * np.einsum("...i,...i->...", step, g + damping[active, None] * scale * step)
         trial_state = state[active] + step
         far = np.linalg.norm(trial_state[:, :axes] - centre[active], axis=-1) > most_distant
-        part = BearingHistory(*(field if field.shape[0] == 1 else field[active] for field in history))
+        part = history if active.size == trials else history.take(active)
         belief = None if prior is None else Prior(*(field[active] for field in prior))
         new_cost, new_gradient, new_information = _terms(trial_state, part, model, belief)
         better = (new_cost <= cost[active]) & ~far

@@ -265,7 +265,7 @@ def instrumental_variable(
     -------
     position : ndarray, shape (..., 2)
     covariance : ndarray, shape (..., 2, 2)
-        :math:`(G^T W G)^{-1}`; NaN where there is no solution.
+        :math:`(G^T W G)^{-1}` of the last instruments; NaN where there is no solution.
     """
     place = places[..., :2]
     there = np.isfinite(azimuth) & np.isfinite(place).all(axis=-1)
@@ -275,30 +275,31 @@ def instrumental_variable(
     distance_of_line = cosine * place[..., 1] - sine * place[..., 0]
     x = np.array(start, dtype=float)
     covariance = np.full((*x.shape, 2), np.nan)
+    gap = None if there.all() else ~there
     for _ in range(iterations):
         dx, dy = x[..., None, 0] - place[..., 0], x[..., None, 1] - place[..., 1]
         square = dx * dx + dy * dy
         with np.errstate(divide="ignore", invalid="ignore"):
-            weight = np.where(there, 1 / (square * variance + sigma_position**2), 0.0)
-            scaled = np.where(there, weight / np.sqrt(square), 0.0)
-            gx, gy = -dy * scaled, dx * scaled
-            m00 = np.einsum("...k,...k->...", gx, -sine)
-            m01 = np.einsum("...k,...k->...", gx, cosine)
-            m10 = np.einsum("...k,...k->...", gy, -sine)
-            m11 = np.einsum("...k,...k->...", gy, cosine)
-            b0 = np.einsum("...k,...k->...", gx, distance_of_line)
-            b1 = np.einsum("...k,...k->...", gy, distance_of_line)
+            weight = 1 / (square * variance + sigma_position**2)
+            scaled = weight / np.sqrt(square)
+        if gap is not None:
+            weight, scaled = np.where(gap, 0.0, weight), np.where(gap, 0.0, scaled)
+        gx, gy = -dy * scaled, dx * scaled
+        m00, m01, m10, m11 = -_dot(gx, sine), _dot(gx, cosine), -_dot(gy, sine), _dot(gy, cosine)
+        b0, b1 = _dot(gx, distance_of_line), _dot(gy, distance_of_line)
+        # G^T W G: the unit normals are g over their weight.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            weight = scaled / weight if gap is None else np.where(gap, 0.0, scaled / weight)
+            nx, ny = -dy * weight, dx * weight
+            i00, i01, i11 = _dot(gx, nx), _dot(gx, ny), _dot(gy, ny)
             determinant = m00 * m11 - m01 * m10
             x = np.stack([m11 * b0 - m01 * b1, m00 * b1 - m10 * b0], axis=-1) / determinant[..., None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        dx, dy = x[..., None, 0] - place[..., 0], x[..., None, 1] - place[..., 1]
-        square = dx * dx + dy * dy
-        weight = np.where(there, 1 / ((square * variance + sigma_position**2) * square), 0.0)
-        i00 = np.einsum("...k,...k,...k->...", weight, dy, dy)
-        i01 = -np.einsum("...k,...k,...k->...", weight, dx, dy)
-        i11 = np.einsum("...k,...k,...k->...", weight, dx, dx)
-        determinant = i00 * i11 - i01 * i01
-        determinant = np.where(determinant > _SINGULAR * (i00 + i11) ** 2, determinant, np.nan)
-        covariance[..., 0, 0], covariance[..., 1, 1] = i11 / determinant, i00 / determinant
-        covariance[..., 0, 1] = covariance[..., 1, 0] = -i01 / determinant
+    determinant = i00 * i11 - i01 * i01
+    determinant = np.where(determinant > _SINGULAR * (i00 + i11) ** 2, determinant, np.nan)
+    covariance[..., 0, 0], covariance[..., 1, 1] = i11 / determinant, i00 / determinant
+    covariance[..., 0, 1] = covariance[..., 1, 0] = -i01 / determinant
     return x, covariance
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.einsum("...k,...k->...", a, b)
