@@ -115,7 +115,7 @@ def _around_aircraft():
 def _angles():
     targets = np.zeros((12, 6))
     targets[:, 0], targets[:, 1] = np.linspace(-3.0, 3.0, 12), 0.01
-    return Geometry(targets, np.full((1, 1, 6), 100.0))
+    return Geometry(targets, np.full((1, 3, 6), 100.0))
 
 
 GEOMETRIES = {

@@ -73,7 +73,7 @@ def brute_force(target, platforms, reference, path=straight, carrier_path=straig
     return np.array(delays, dtype=float), np.array(ratios, dtype=float)
 
 
-@pytest.mark.parametrize("geometry", GEOMETRIES)
+@pytest.mark.parametrize("geometry", ["satellites", "stations"])
 @pytest.mark.parametrize("reference", [0, 1])
 def test_one_wave_front(geometry, reference):
     scene = GEOMETRIES[geometry]
