@@ -67,7 +67,7 @@ def locate(bearings: Bearings, sigma: float) -> dict[str, tuple[Array, Array]]:
     wiring = Wiring(1, model.names, recording.clock, platforms=1, noise_port=True)
 
     builder = DiagramBuilder()
-    source = builder.AddSystem(RecordedMeasurements(recording))
+    source = builder.AddSystem(RecordedMeasurements([recording]))
     blocks: dict[str, Estimator] = {}
     for name, options in _BLOCKS.items():
         block = builder.AddSystem(options.make(name, model, motion, start, wiring))
@@ -121,9 +121,9 @@ class BearingsReplay:
         table = Table(title=f"{len(self.bearings.azimuth)} bearings")
         table.add_column("fix")
         geodetic = self.bearings.origin is not None
-        for head in ("latitude [deg]", "longitude [deg]") if geodetic else ("x [m]", "y [m]"):
+        for head in ("latitude, deg", "longitude, deg") if geodetic else ("x, m", "y, m"):
             table.add_column(head, justify="right")
-        for head in ("sigma x [m]", "sigma y [m]", "correlation"):
+        for head in ("sigma x, m", "sigma y, m", "correlation"):
             table.add_column(head, justify="right")
         for name, (position, covariance) in self.fixes().items():
             sx, sy, correlation = _spread(covariance)
