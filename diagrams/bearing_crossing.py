@@ -79,7 +79,9 @@ class Truth:
 
     observer: Straight | Waypoints = documented("path of the observer: !Straight or !Waypoints", factory=Straight)
     observer_height_km: float = number("height of the observer; only read where elevation is measured [km]", 8.0)
-    target_km: list[float] = documented("x (east) and y (north) of the target at t = 0 [km]", factory=lambda: [10.0, 50.0])
+    target_km: list[float] = documented(
+        "x (east) and y (north) of the target at t = 0 [km]", factory=lambda: [10.0, 50.0]
+    )
     target_height_km: float = number("height of the target; only read where elevation is measured [km]", 0.0)
     target_course_deg: float = number("course of the target, clockwise from north [deg]", 0.0)
     target_speed_mps: float = number("speed of the target; 0 is a fixed one [m/s]", 0.0, at_least=0)
@@ -91,9 +93,7 @@ class Truth:
     sigma_navigation_m: float = number(
         "error of the observer's position per axis, as the estimators know it [m]", 0.0, at_least=0
     )
-    navigation_time_s: float = number(
-        "correlation time of that error [s]; 0: new at every epoch", 0.0, at_least=0
-    )
+    navigation_time_s: float = number("correlation time of that error [s]; 0: new at every epoch", 0.0, at_least=0)
 
 
 @dataclass
@@ -227,9 +227,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     spread = scenario.truth.target_spread_km * _KM
     truth_trials = trials if spread > 0 else 1
     place = np.diag([spread**2] * axes + [0.0] * (motion.size - axes))
-    target = builder.AddSystem(
-        ModelPlant(motion, clock, target_state(scenario), place, truth_trials, name="target")
-    )
+    target = builder.AddSystem(ModelPlant(motion, clock, target_state(scenario), place, truth_trials, name="target"))
     truth = target.GetOutputPort("state")
 
     sensor = builder.AddSystem(
@@ -259,9 +257,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
             filtered = _filter(builder, scenario, name, source, model, wiring, filters, measured, known)
             chained = Wiring(trials, filtered.motion.names, clock, 1, known_trials, noise_port=True)
             if axes == 3:
-                raise UserError(
-                    f"estimators.{name}.bearings: {source} is not allowed where elevation is measured; raw"
-                )
+                raise UserError(f"estimators.{name}.bearings: {source} is not allowed where elevation is measured; raw")
             block = builder.AddSystem(options.make(name, model, motion, start, chained))
             builder.Connect(filtered.GetOutputPort("bearing"), block.GetInputPort("measurement"))
             builder.Connect(filtered.GetOutputPort("bearing_covariance"), block.GetInputPort("noise_covariance"))

@@ -222,9 +222,7 @@ class Lately:
         """Return each ring, shape (trials, window, ...), cut where no trial has anything yet."""
         filled = int(min(self.window, np.nan_to_num(kept["count"]).max(initial=0.0)))
         trials = kept["count"].shape[0]
-        return {
-            name: kept[name].reshape(trials, self.window, *tail)[:, :filled] for name, tail in self._shapes.items()
-        }
+        return {name: kept[name].reshape(trials, self.window, *tail)[:, :filled] for name, tail in self._shapes.items()}
 
     def push(self, kept: Memory, sighting: Sighting) -> tuple[Memory, dict[str, Array]]:
         """Return the rings with one more sighting in the trials that have one, and what it drove out (NaN: nothing)."""

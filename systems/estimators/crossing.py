@@ -137,7 +137,9 @@ class CrossingLocator(BearingLocator):
 
     def _sums(self, kept: Memory, sighting: Sighting) -> tuple[Lines, Array]:
         """Return the sums with the line of now, counted from each trial's first place."""
-        origin = np.where((np.isnan(kept["origin"]).any(axis=-1) & sighting.there)[:, None], sighting.place[:, :2], kept["origin"])
+        origin = np.where(
+            (np.isnan(kept["origin"]).any(axis=-1) & sighting.there)[:, None], sighting.place[:, :2], kept["origin"]
+        )
         sums = Lines.unflatten(np.nan_to_num(kept["sums"]))
         offset = sighting.place[:, :2] - origin
         return sums.add(offset, sighting.angles[:, 0], sighting.variance[:, 0]), origin
@@ -156,7 +158,9 @@ class Crossing(EstimatorOptions):
     )
     baseline_s: float = number("for pair: time between the two lines [s]", 200.0, above=0)
     window: int = count("for pair and iv: so many lines are kept", 1024, at_least=2)
-    sigma_position_m: float = number("error of the observer's position per axis that it believes in [m]", 0.0, at_least=0)
+    sigma_position_m: float = number(
+        "error of the observer's position per axis that it believes in [m]", 0.0, at_least=0
+    )
 
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""

@@ -112,9 +112,7 @@ class MaximumLikelihood(BearingLocator):
             np.where(new[:, None, None], information, prior.information),
         )
 
-    def _fit(
-        self, history: BearingHistory, mean: Array, covariance: Array, prior: Prior, sighting: Sighting
-    ) -> Fit:
+    def _fit(self, history: BearingHistory, mean: Array, covariance: Array, prior: Prior, sighting: Sighting) -> Fit:
         model = self.model
         if history.places.shape[1] == 0:
             return Fit(mean, covariance, np.zeros(mean.shape[0]))
@@ -126,7 +124,9 @@ class MaximumLikelihood(BearingLocator):
         if not vague.any():
             return fit
         rows = np.flatnonzero(vague)
-        again = maximum_likelihood(history.take(rows), model, prior.anchor[rows], Prior(*(field[rows] for field in prior)))
+        again = maximum_likelihood(
+            history.take(rows), model, prior.anchor[rows], Prior(*(field[rows] for field in prior))
+        )
         likelier = again.cost < fit.cost[rows]
         chosen = rows[likelier]
         fit.state[chosen], fit.covariance[chosen] = again.state[likelier], again.covariance[likelier]

@@ -81,7 +81,9 @@ class RangeParameterised(Estimator):
         if not isinstance(start, BearingStart):
             raise ValueError(f"{name}: hypotheses of range need a start from a bearing")
         if not 0 < nearest < farthest:
-            raise ValueError(f"{name}: ranges from {nearest:g} to {farthest:g} m are not allowed; 0 < nearest < farthest")
+            raise ValueError(
+                f"{name}: ranges from {nearest:g} to {farthest:g} m are not allowed; 0 < nearest < farthest"
+            )
         self.algorithm = algorithm
         self.hypotheses = hypotheses
         self._ranges = intervals(nearest, farthest, hypotheses)

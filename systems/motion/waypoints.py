@@ -88,9 +88,7 @@ class WaypointPath:
         return [(float(begin[i]), float(begin[i + 1])) for i in range(1, len(begin) - 1, 2)]
 
 
-def _segments(
-    origin: Array, courses: Array, lengths: Array, turns: Array, cut: Array, radius: float
-) -> Array:
+def _segments(origin: Array, courses: Array, lengths: Array, turns: Array, cut: Array, radius: float) -> Array:
     """Return rows of begin along the path, x, y, course there, curvature: leg, turn, leg, turn, ..., leg."""
     rows: list[Sequence[float]] = []
     s, x, y = 0.0, float(origin[0]), float(origin[1])

@@ -26,7 +26,9 @@ def bearings(trials=200, sigma=2.0, track=TRACK, seed=5):
 
 def test_compass_is_clockwise_from_north():
     np.testing.assert_allclose(from_compass(np.array([0.0, 90.0, 180.0, 45.0])) / DEGREE, [90, 0, -90, 45], atol=1e-12)
-    np.testing.assert_allclose(to_compass(from_compass(np.arange(0.0, 360.0, 7.0))), np.arange(0.0, 360.0, 7.0), atol=1e-9)
+    np.testing.assert_allclose(
+        to_compass(from_compass(np.arange(0.0, 360.0, 7.0))), np.arange(0.0, 360.0, 7.0), atol=1e-9
+    )
 
 
 def test_under_the_observer_there_is_no_azimuth():
@@ -246,6 +248,10 @@ def test_waypoint_path():
     assert end - begin == pytest.approx(30.0) and second[0] > end  # 90 deg at 3 deg/s
     np.testing.assert_allclose(path.at(0.0)[:3], [0, 0, 8e3])
     assert path.at(600.0)[0] == pytest.approx(50e3) and path.at(600.0)[3] == pytest.approx(0.0, abs=1e-9)
-    for points, words in (([[0, 0], [0, 0]], "equal"), ([[0, 0]], "at least two"), ([[0, 0], [9e3, 0], [9e3, 1e3]], "short")):
+    for points, words in (
+        ([[0, 0], [0, 0]], "equal"),
+        ([[0, 0]], "at least two"),
+        ([[0, 0], [9e3, 0], [9e3, 1e3]], "short"),
+    ):
         with pytest.raises(ValueError, match=words):
             WaypointPath(points, 160.0, 3 * DEGREE)
