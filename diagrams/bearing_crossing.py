@@ -162,7 +162,7 @@ def target_state(scenario: Scenario) -> Array:
     truth, axes = scenario.truth, _axes(scenario)
     if truth.target_speed_mps > 0 and scenario.belief.target == "fixed":
         raise UserError(
-            f"truth.target_speed_mps: {truth.target_speed_mps:g} is not allowed for belief.target fixed; set it to moving"
+            f"truth.target_speed_mps: {truth.target_speed_mps:g} is not allowed for belief.target fixed; moving"
         )
     course = math.radians(truth.target_course_deg)
     position = np.append(_pair(truth.target_km, "truth.target_km"), truth.target_height_km * _KM)[:axes]
@@ -208,8 +208,8 @@ def _check_geometry(scenario: Scenario, path: Callable[[Array], Array], motion: 
     azimuth = np.arctan2(offset[:, 1], offset[:, 0])
     if np.abs(np.sin(azimuth - azimuth[0])).max() < _PARALLEL:
         raise UserError(
-            f"truth.target_km: {scenario.truth.target_km} is not allowed; the observer flies towards the target or away "
-            "from it, and all bearings are parallel"
+            f"truth.target_km: {scenario.truth.target_km} is not allowed; the observer flies towards the target or "
+            "away from it, and all bearings are parallel"
         )
 
 
@@ -306,7 +306,7 @@ def _check_rows(name: str, options: EstimatorOptions, model: Bearing) -> None:
     unknown = [kind for kind in options.measurements if kind not in model.names]
     if unknown or (options.measurements and len(options.measurements) < model.size):
         raise UserError(
-            f"estimators.{name}.measurements: {options.measurements} is not allowed; {', '.join(model.names)} (or empty)"
+            f"estimators.{name}.measurements: {options.measurements} is not allowed; {', '.join(model.names)}, or empty"
         )
 
 
@@ -344,7 +344,7 @@ def _believed_range(block: Estimator, start: BearingStart) -> float:
 
 SYSTEM = System(
     name="bearing_crossing",
-    title="one aircraft, bearings only: piecewise linear Kalman filter of the azimuth, crossing of lines, direct filters",
+    title="one aircraft, bearings only: azimuth filtered in pieces, crossing of lines, direct filters",
     scenario=Scenario,
     wire=wire,
 )

@@ -144,9 +144,7 @@ def replay(
 
 def _own_file(dataset: Dataset, file: Path | str | None) -> Path:
     if not dataset.takes_file:
-        raise UserError(
-            f"FILE: {file} is not allowed for {dataset.name}; its recording lies in the data folder, see --data"
-        )
+        raise UserError(f"FILE: {file} is not allowed for {dataset.name}; its recording is in the data folder")
     if file is None:
         raise UserError(f"FILE: it is missing; {dataset.name} replays {dataset.source}")
     return Path(file)

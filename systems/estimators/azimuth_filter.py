@@ -157,9 +157,7 @@ class AzimuthFilter(KalmanEstimator):
 class AzimuthFilterOptions:
     """Options of an azimuth filter."""
 
-    sigma_rate_degps: float = number(
-        "rate at a start is 0 (or kept) with this standard deviation [deg/s]", 0.05, above=0
-    )
+    sigma_rate_degps: float = number("standard deviation of the rate at a start, where it is 0 [deg/s]", 0.05, above=0)
     process_noise_deg2ps3: float = number("power spectral density of the rate's change [deg^2/s^3]", 0.0, at_least=0)
     piece_s: float | None = number("length of a piece [s]; null: one piece, never restarted", None, above=0)
     restart: str = choice(

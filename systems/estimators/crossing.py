@@ -158,9 +158,7 @@ class Crossing(EstimatorOptions):
     )
     baseline_s: float = number("for pair: time between the two lines [s]", 200.0, above=0)
     window: int = count("for pair and iv: so many lines are kept", 1024, at_least=2)
-    sigma_position_m: float = number(
-        "error of the observer's position per axis that it believes in [m]", 0.0, at_least=0
-    )
+    sigma_position_m: float = number("believed error of the observer's position per axis [m]", 0.0, at_least=0)
 
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""

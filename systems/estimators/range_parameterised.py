@@ -81,9 +81,7 @@ class RangeParameterised(Estimator):
         if not isinstance(start, BearingStart):
             raise ValueError(f"{name}: hypotheses of range need a start from a bearing")
         if not 0 < nearest < farthest:
-            raise ValueError(
-                f"{name}: ranges from {nearest:g} to {farthest:g} m are not allowed; 0 < nearest < farthest"
-            )
+            raise ValueError(f"{name}: ranges {nearest:g} to {farthest:g} m are not allowed; 0 < nearest < farthest")
         self.algorithm = algorithm
         self.hypotheses = hypotheses
         self._ranges = intervals(nearest, farthest, hypotheses)
@@ -147,7 +145,7 @@ class RangeParameterised(Estimator):
         value, jacobian = self.model.linearize(mean, carriers)
         spread = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2) + noise
         residual = self.model.residual(measured, value)
-        likelihood, dof = _log_density(residual, spread)
+        likelihood = _log_density(residual, spread)
         result = self.algorithm.update(mean, covariance, measured, carriers, self.model, whitener)
 
         prior = np.where(lost[:, None], 0.0, memory["log_weights"])
@@ -212,10 +210,10 @@ def _quadratic(residual: Array, covariance: Array) -> tuple[Array, Array]:
     return np.einsum("...i,...i->...", value, solved), np.count_nonzero(there, axis=-1).astype(float)
 
 
-def _log_density(residual: Array, covariance: Array) -> tuple[Array, Array]:
+def _log_density(residual: Array, covariance: Array) -> Array:
     """Return the logarithm of the Gaussian density, up to a constant, over the rows that are there."""
     there = np.isfinite(residual)
     gone = ~(there[..., :, None] & there[..., None, :])
     kept = np.where(gone, np.eye(residual.shape[-1]), covariance)
-    value, dof = _quadratic(residual, covariance)
-    return -0.5 * (value + np.linalg.slogdet(kept)[1]), dof
+    value, _ = _quadratic(residual, covariance)
+    return -0.5 * (value + np.linalg.slogdet(kept)[1])

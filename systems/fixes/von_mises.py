@@ -151,8 +151,9 @@ def robust_fix(place: Array, azimuth: Array, iterations: int = 50) -> DirectionF
     .. math:: t_i = \sqrt{2\kappa(1 - \cos(\theta_i - \mu_i))}, \qquad
               w_i = \frac{\sin(t_i/c)}{t_i/c}\ \text{for}\ t_i < c\pi,\ \text{else}\ 0
 
-    :math:`\kappa` follows from the median of the sizes of the residuals, which half of the bearings cannot spoil. Of the
-    points that iterating from every crossing of two lines leads to, the one with the least median counts.
+    :math:`\kappa` follows from the median of the sizes of the residuals, which half of the bearings cannot spoil. It
+    starts at the crossing of two lines that has the least such median (Rousseeuw, J. American Statistical Association
+    79 (1984) 871-880).
 
     Parameters
     ----------

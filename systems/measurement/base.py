@@ -53,8 +53,9 @@ class MeasurementModel(ABC):
         return self.predict(target, platforms), self.jacobian(target, platforms)
 
     def secant(self, measured: Array, target: Array, platforms: Array) -> Array:
-        r"""Return the modified gain g (..., m, n), with :math:`h(x) - h(\hat x) = g(z, \hat x)(x - \hat x)` for z = h(x).
+        r"""Return the modified gain g, shape (..., m, n).
 
+        It makes :math:`h(x) - h(\hat x) = g(z, \hat x)(x - \hat x)` exact for z = h(x).
         By default the Jacobian at the target's estimate: for most measurements no such g is known.
         """
         return self.jacobian(target, platforms)

@@ -93,7 +93,7 @@ class Bearing(MeasurementModel):
         return self._angles(offset), self._gradient(offset, target.shape[-1])
 
     def secant(self, measured: Array, target: Array, platforms: Array) -> Array:
-        r"""Return the modified gain g: for a measurement without noise it makes the linear relation exact,
+        r"""Return the modified gain g: for a measurement without noise it makes the linear relation exact.
 
         .. math:: h(x) - h(\hat x) = g(z, \hat x)\,(x - \hat x) \quad\text{for}\quad z = h(x).
 

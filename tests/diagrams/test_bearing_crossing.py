@@ -275,7 +275,7 @@ def test_bad_files(tmp_path, text, words):
 def test_replay_wants_a_file():
     with pytest.raises(UserError, match="FILE: it is missing"):
         replay("bearings", progress=False)
-    with pytest.raises(UserError, match="FILE: .* is not allowed"):
+    with pytest.raises(UserError, match=r"FILE: .* is not allowed"):
         replay("locards", file="x.csv", progress=False)
 
 
