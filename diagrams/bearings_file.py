@@ -66,8 +66,8 @@ def read_bearings(path: Path | str) -> Bearings:
 
     The first line names the columns, in any order: ``time_s``; ``x_m`` and ``y_m`` (east and north), or
     ``latitude_deg`` and ``longitude_deg``; ``bearing_deg``, clockwise from north, 0 to 360; ``sigma_deg``, the
-    bearing's standard deviation, which may be empty where it is not known (then in all lines). Lines that begin with ``#`` are
-    comments. Latitude and longitude are laid on a plane through their mean: good for some tens of kilometres.
+    bearing's standard deviation, which may be empty where it is not known (then in all lines). Lines that begin with
+    ``#`` are comments. Latitude and longitude are laid on a plane through their mean: good for some tens of kilometres.
 
     Raises
     ------

@@ -85,8 +85,8 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
     xarray.Dataset, dims (estimator, trial, time)
         ``position`` [m] and ``velocity`` [m/s]: length of the error vector. Signed, estimate minus truth:
         ``height`` above the WGS-84 ellipsoid, or z in local axes [m], horizontal ``speed`` [m/s], ``course`` clockwise
-        from north [deg] in [-180, 180), NaN where truth or estimate is at rest. A state without a velocity has ``position`` and
-        ``height`` only, one in the plane no ``height``.
+        from north [deg] in [-180, 180), NaN where truth or estimate is at rest. A state without a velocity has
+        ``position`` and ``height`` only, one in the plane no ``height``.
     """
     states = [str(name) for name in dataset["state"].values]
     place = [states.index(name) for name in ("x", "y", "z") if name in states]

@@ -98,6 +98,7 @@ class AzimuthFilter(KalmanEstimator):
         self.piece = piece
         self.keep_rate = keep_rate
         start = AzimuthStart(wiring.stream, sigma, sigma_rate)
+        self._fresh = start.variance
         super().__init__(name, IteratedExtendedKalman(1), DirectAzimuth(sigma), AzimuthRate(density), start, wiring)
         after = {self.cached_ticket(self._moments), self.input_ticket("measurement")}
         self.declare_output("bearing", wiring.trials, 2, lambda c: self._where_measured(c, 0), after)
@@ -142,7 +143,7 @@ class AzimuthFilter(KalmanEstimator):
         fresh = np.empty_like(prior)
         fresh[:, 0] = prior[:, 0] + wrap(measurement[:, 0] - prior[:, 0])
         fresh[:, 1] = prior[:, 1] if self.keep_rate else 0.0
-        variance = np.array(np.broadcast_to(self.start.variance, prior.shape))
+        variance = np.array(np.broadcast_to(self._fresh, prior.shape))
         if noise_covariance is not None:
             variance[:, 0] = noise_covariance[:, 0, 0]
         spread = (variance[:, :, None] * np.eye(2)).reshape(prior.shape[0], 4)

@@ -47,7 +47,7 @@ class Sighting:
     @property
     def there(self) -> NDArray[np.bool_]:
         """Which trials have a bearing, shape (trials,)."""
-        return np.isfinite(self.angles).any(axis=-1) & np.isfinite(self.place).all(axis=-1)
+        return np.any(np.isfinite(self.angles), axis=-1) & np.all(np.isfinite(self.place), axis=-1)
 
 
 class _Nothing(Start):
@@ -95,6 +95,7 @@ class BearingLocator(Estimator):
             raise ValueError(f"{name}: it locates by bearings; it cannot use {', '.join(model.names)}")
         if np.any(motion.process_noise(np.zeros(motion.size), 1.0)):
             raise ValueError(f"{name}: process noise is not allowed; the target stands or moves straight")
+        self.sensor = model
         self.axes = model.size + 1
         self.belief = start
         super().__init__(name, model, motion, _Nothing(motion.size), wiring)
@@ -152,19 +153,19 @@ class BearingLocator(Estimator):
         trials, n = measurement.shape[0], self.motion.size
         noise = self.model.noise_covariance() if noise_covariance is None else noise_covariance
         variance = np.broadcast_to(np.einsum("...ii->...i", noise), measurement.shape)
-        place = np.broadcast_to(platforms[:, self.model.platform, : self.axes], (trials, self.axes))
+        place = np.broadcast_to(platforms[:, self.sensor.platform, : self.axes], (trials, self.axes))
         sighting = Sighting(measurement, variance, place, epoch.time)
         mean, covariance = self.moments(memory)
         innovation = self._innovation(mean, covariance, measurement, platforms, noise)
 
-        known = np.isfinite(mean).all(axis=-1)
+        known = np.all(np.isfinite(mean), axis=-1)
         if not known.all():
             first, spread = self.belief.belief(measurement, platforms)
             mean = np.where(known[:, None], mean, first)
             covariance = np.where(known[:, None, None], covariance, spread)
         kept = {group: memory[group] for group in self.kept_sizes()}
         kept, found, uncertain = self.locate(kept, sighting, mean, covariance)
-        good = np.isfinite(found).all(axis=-1) & np.isfinite(uncertain).all(axis=(-1, -2))
+        good = np.all(np.isfinite(found), axis=-1) & np.all(np.isfinite(uncertain), axis=(-1, -2))
         mean = np.where(good[:, None], found, mean)
         covariance = np.where(good[:, None, None], uncertain, covariance)
         return {"mean": mean, "covariance": covariance.reshape(trials, n * n), **kept}, innovation
@@ -208,7 +209,7 @@ class Lately:
 
     def __init__(self, window: int, angles: int, axes: int, timed: bool, weighed: bool) -> None:
         self.window = window
-        self._shapes = {"angles": (angles,), "places": (axes,)}
+        self._shapes: dict[str, tuple[int, ...]] = {"angles": (angles,), "places": (axes,)}
         if timed:
             self._shapes["times"] = ()
         if weighed:

@@ -78,7 +78,7 @@ class CrossingLocator(BearingLocator):
         place = sighting.place[:, :2]
         if self.method == "first":
             line = kept["line"]
-            before = np.isfinite(line).all(axis=-1)
+            before = np.all(np.isfinite(line), axis=-1)
             position, spread = self._cross(line, place, azimuth, variance)
             new = np.column_stack([place, azimuth, variance])
             kept = {"line": np.where((~before & there)[:, None], new, line)}
@@ -106,7 +106,7 @@ class CrossingLocator(BearingLocator):
         """Return the instrumental-variable fix; good instruments of the last epoch need to be renewed only once."""
         rings = self._lately.unpack(kept)
         azimuth, place = rings["angles"][..., 0], rings["places"]
-        variance = rings["variances"][..., 0] if "variances" in rings else np.array(self.model.sigma**2)
+        variance = rings["variances"][..., 0] if "variances" in rings else np.array(self.sensor.sigma**2)
         distance = np.linalg.norm(mean[:, :2] - sighting.place[:, :2], axis=-1)
         vague = ~(np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1]) < _GOOD_INSTRUMENT * distance)
         start = np.where(vague[:, None], lines, mean[:, :2])
@@ -138,7 +138,7 @@ class CrossingLocator(BearingLocator):
     def _sums(self, kept: Memory, sighting: Sighting) -> tuple[Lines, Array]:
         """Return the sums with the line of now, counted from each trial's first place."""
         origin = np.where(
-            (np.isnan(kept["origin"]).any(axis=-1) & sighting.there)[:, None], sighting.place[:, :2], kept["origin"]
+            (np.any(np.isnan(kept["origin"]), axis=-1) & sighting.there)[:, None], sighting.place[:, :2], kept["origin"]
         )
         sums = Lines.unflatten(np.nan_to_num(kept["sums"]))
         offset = sighting.place[:, :2] - origin

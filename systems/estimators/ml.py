@@ -80,7 +80,7 @@ class MaximumLikelihood(BearingLocator):
         """See `BearingLocator.locate`."""
         trials, n = mean.shape
         prior = Prior(kept["anchor"], kept["vector"], kept["information"].reshape(-1, n, n))
-        new = np.isnan(prior.anchor).any(axis=-1) & np.isfinite(mean).all(axis=-1)
+        new = np.any(np.isnan(prior.anchor), axis=-1) & np.all(np.isfinite(mean), axis=-1)
         if new.any():
             prior = self._begun(prior, new, mean, covariance)
         into_history = sighting
@@ -90,7 +90,7 @@ class MaximumLikelihood(BearingLocator):
         rings, lost = self._lately.push(kept, into_history)
         if np.isfinite(lost["angles"]).any():
             gone = self._lately.history({name: value[:, None] for name, value in lost.items()}, sighting.time)
-            prior = fold(prior, mean, gone, self.model)
+            prior = fold(prior, mean, gone, self.sensor)
         history = self._lately.history(self._lately.unpack(rings), sighting.time)
         fit = self._fit(history, mean, covariance, prior, sighting)
         kept = {
@@ -113,14 +113,14 @@ class MaximumLikelihood(BearingLocator):
         )
 
     def _fit(self, history: BearingHistory, mean: Array, covariance: Array, prior: Prior, sighting: Sighting) -> Fit:
-        model = self.model
+        model = self.sensor
         if history.places.shape[1] == 0:
             return Fit(mean, covariance, np.zeros(mean.shape[0]))
         fit = maximum_likelihood(history, model, mean, prior)
         axes = self.axes
         spread = np.sqrt(np.einsum("...ii->...i", fit.covariance)[:, :axes].sum(axis=-1))
         distance = np.linalg.norm(fit.state[:, :axes] - sighting.place, axis=-1)
-        vague = np.isfinite(prior.anchor).all(axis=-1) & ~(spread < _VAGUE * distance)
+        vague = np.all(np.isfinite(prior.anchor), axis=-1) & ~(spread < _VAGUE * distance)
         if not vague.any():
             return fit
         rows = np.flatnonzero(vague)

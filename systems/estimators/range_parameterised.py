@@ -131,7 +131,7 @@ class RangeParameterised(Estimator):
         count, (trials, m) = self.hypotheses, measurement.shape
         mean, covariance = self._bank(memory)
         n = mean.shape[-1]
-        lost = ~np.isfinite(memory["means"]).all(axis=-1)
+        lost = ~np.all(np.isfinite(memory["means"]), axis=-1)
         alone = np.repeat(lost, count)
         mean = np.where(alone[:, None], 1.0, mean)
         covariance = np.where(alone[:, None, None], np.eye(n), covariance)

@@ -43,7 +43,7 @@ class BearingHistory(NamedTuple):
         azimuth = angles[..., 0]
         return cls(angles, places, np.zeros((1, 1)) if ages is None else ages, (np.cos(azimuth), np.sin(azimuth)))
 
-    def take(self, rows: Array) -> BearingHistory:
+    def take(self, rows: NDArray[np.intp]) -> BearingHistory:
         """Return the history of some trials; what all share stays as it is."""
 
         def some(array: Array) -> Array:
@@ -221,7 +221,7 @@ def maximum_likelihood(
     axes = history.places.shape[-1]
     cost, gradient, information = _terms(state, history, model, prior)
     damping = np.full(trials, _FIRST_DAMPING)
-    active = np.flatnonzero(np.isfinite(state).all(axis=-1))
+    active = np.flatnonzero(np.all(np.isfinite(state), axis=-1))
     centre = np.broadcast_to(np.nan_to_num(history.places[:, 0]), (trials, axes))
     for _ in range(iterations):
         if active.size == 0:
@@ -247,13 +247,13 @@ def maximum_likelihood(
         damping[active] = np.clip(damping[active] * factor, _LEAST_DAMPING, _MOST_DAMPING)
         done = (better & (gain < converged)) | (gain < 1e-12) | (damping[active] >= _MOST_DAMPING)
         active = active[~done]
-    return Fit(state, _inverse(information), np.where(np.isfinite(state).all(axis=-1), cost, np.nan))
+    return Fit(state, _inverse(information), np.where(np.all(np.isfinite(state), axis=-1), cost, np.nan))
 
 
 def _inverse(information: Array) -> Array:
     """Return the inverse, NaN where the information is singular."""
     scale = np.sqrt(np.einsum("...ii->...i", information))
-    known = np.isfinite(information).all(axis=(-1, -2)) & (scale > 0).all(axis=-1)
+    known = np.all(np.isfinite(information), axis=(-1, -2)) & (scale > 0).all(axis=-1)
     n = information.shape[-1]
     safe = np.where(known[:, None], scale, 1.0)
     unit = np.where(known[:, None, None], information / (safe[:, :, None] * safe[:, None, :]), np.eye(n))
