@@ -149,8 +149,8 @@ class Lines(NamedTuple):
 
     the point with the least sum of squared distances from the lines (pseudo-linear estimate; Lingren and Gong,
     *Position and velocity estimation via bearing observations*, IEEE Trans. Aerospace and Electronic Systems 14 (1978)
-    564-577). It is biased: n_i holds the noise that the distance holds. Covariance, for independent errors and to first order,
-    :math:`A^{-1} [\sum_i (r_i^2\sigma_i^2 + \sigma_{xy}^2)\,n_i n_i^T] A^{-1}`.
+    564-577). It is biased: n_i holds the noise that the distance holds. Covariance, for independent errors and to first
+    order, :math:`A^{-1} [\sum_i (r_i^2\sigma_i^2 + \sigma_{xy}^2)\,n_i n_i^T] A^{-1}`.
 
     Attributes
     ----------

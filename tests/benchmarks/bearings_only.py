@@ -32,7 +32,7 @@ def compare(size: Size) -> Section:
         mine = timings[name]
         section.rows.append((name, microseconds(mine.costs), spread(ratios(mine, timings["way2_first"]))))
     section.notes.append(
-        "The Jacobian of a bearing costs less than the azimuth filter and the crossing that are to avoid it. ml fits all "
-        "bearings so far at every step, so its cost grows with them; iekf is eight filters."
+        "The Jacobian of a bearing costs less than the azimuth filter and the crossing that are to avoid it. ml fits "
+        "all bearings so far at every step, so its cost grows with them; iekf is eight filters."
     )
     return section
