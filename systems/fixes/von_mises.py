@@ -171,7 +171,9 @@ def robust_fix(place: Array, azimuth: Array, iterations: int = 50) -> DirectionF
 
     best = starts[np.argmin([np.median(sizes(start)) for start in starts])]
     weights = np.ones(count)
-    spread = 1.4826 * max(float(np.median(sizes(best))), 1e-6)
+    # Of a normal distribution, and enlarged for few bearings (Rousseeuw and Leroy, Robust Regression, 1987, ch. 5).
+    scale = 1.4826 * (1 + 5 / max(count - 2, 1))
+    spread = scale * max(float(np.median(sizes(best))), 1e-6)
     for _ in range(iterations):
         t = np.sqrt(2 * (1 - np.cos(sizes(best)))) / spread / _ANDREWS
         renewed = np.where(t < np.pi, np.sinc(t / np.pi), 0.0)
@@ -182,5 +184,5 @@ def robust_fix(place: Array, azimuth: Array, iterations: int = 50) -> DirectionF
         weights, best = renewed, moved
         if settled:
             break
-        spread = 1.4826 * max(float(np.median(sizes(best))), 1e-6)
+        spread = scale * max(float(np.median(sizes(best))), 1e-6)
     return _fix(place, azimuth, weights, best[None])
