@@ -100,6 +100,7 @@ def bound_steps(
     if start.shape[-1] != motion.size:
         raise ValueError(f"the start has {start.shape[-1]} states, the motion model {motion.size}")
 
+    varies = type(model).noise_covariance_at is not MeasurementModel.noise_covariance_at
     whitener = Whitener(model.noise_covariance())
     covariance, lost = _without_lost(np.broadcast_to(start, (trials, *start.shape[1:])), np.zeros(trials, dtype=bool))
     # A square root is carried from epoch to epoch: a prior of nearly rank one then loses no digits, and stays
@@ -115,6 +116,8 @@ def bound_steps(
                 root = cholesky(covariance)
         if k > 0 or not first_epoch_used:
             seen = None if present is None else present[:, k]
+            if varies:
+                whitener = Whitener(model.noise_covariance_at(truth[:, k], platforms[:, k]))
             root = Gains(root, _whitened_rows(root, truth[:, k], platforms[:, k], model, whitener, seen)).root()
         yield np.where(lost[:, None, None], np.nan, root @ np.swapaxes(root, -1, -2))
 
@@ -308,17 +311,19 @@ class StudyBounds:
         if not estimator.motion.size == motion.size == n:
             return np.full((len(QUANTITIES), self.times.size, 1), np.nan)
         start = self.wired.start_covariance(name, truth[:, 0], platforms[:, 0])
-        key = (estimator.model, motion, start)
+        model = estimator.bound_model
+        key = (model, motion, start)
         for known, squares in done:
             if _alike(key, known):
                 return squares
         seen = None
         if present is not None:
-            rows = self.wired.rows
-            seen = present[..., [rows.index(row) for row in estimator.model.names]]
-        steps = bound_steps(
-            truth, platforms, self.times, estimator.model, motion, start, self.wired.start_uses_measurement, seen
-        )
+            stream = list(self.wired.stream or estimator.wiring.stream)
+            if set(model.names) <= set(stream) and present.shape[-1] == len(stream):
+                seen = present[..., [stream.index(row) for row in model.names]]
+            else:  # rows that are made of all that is measured
+                seen = np.repeat(present.all(axis=-1, keepdims=True), model.size, axis=-1)
+        steps = bound_steps(truth, platforms, self.times, model, motion, start, self.wired.start_uses_measurement, seen)
         axes, frame = self.wired.axes, self.wired.frame
         squares = np.stack([bound_squares(p, truth[:, k], axes, frame) for k, p in enumerate(steps)], axis=1)
         done.append((key, squares))
@@ -333,7 +338,7 @@ class StudyBounds:
         names = list(self.wired.estimators)
         for kind in ("bound", "bound_truth"):
             curves = [self._sums[name, kind].curves() for name in names]
-            for what in QUANTITIES:
+            for what in ("position", "velocity") if self.wired.frame == "inertial" else QUANTITIES:
                 found[f"{kind}_{what}"] = (("estimator", "time"), np.stack([curve[what] for curve in curves]))
         return found
 

@@ -86,7 +86,8 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
         ``position`` [m] and ``velocity`` [m/s]: length of the error vector. Signed, estimate minus truth:
         ``height`` above the WGS-84 ellipsoid, or z in local axes [m], horizontal ``speed`` [m/s], ``course`` clockwise
         from north [deg] in [-180, 180), NaN where truth or estimate is at rest. A state without a velocity has
-        ``position`` and ``height`` only, one in the plane no ``height``.
+        ``position`` and ``height`` only, one in the plane no ``height``; in inertial axes (attribute
+        ``frame``) there are ``position`` and ``velocity`` only.
     """
     states = [str(name) for name in dataset["state"].values]
     place = [states.index(name) for name in ("x", "y", "z") if name in states]
@@ -98,6 +99,7 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
     truth = truth.transpose("trial", "time", "state") if "trial" in truth.dims else truth.transpose("time", "state")
     known = np.broadcast_to(truth.values, estimate.shape)
     finite = np.isfinite(estimate)
+    inertial = dataset.attrs.get("frame") == "inertial"
     # A stand-in keeps the geometry free of NaN; what it gives is replaced by infinity below.
     usable = np.where(finite, estimate, known)
 
@@ -110,15 +112,16 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         here, there = usable[..., place], truth.values[..., place]
         found["position"] = judged(np.linalg.norm(here - there, axis=-1), place)
-        if len(place) == 3:
+        if moving:
+            moved, true_moved = usable[..., moving], truth.values[..., moving]
+            found["velocity"] = judged(np.linalg.norm(moved - true_moved, axis=-1), moving)
+        if not inertial and len(place) == 3:
             high = (here - there)[..., 2] if local else ecef_to_geodetic(here)[2] - ecef_to_geodetic(there)[2]
             found["height"] = judged(high, place)
-        if moving:
+        if moving and not inertial:
             both = [*place, *moving]
-            moved, true_moved = usable[..., moving], truth.values[..., moving]
             course, speed = _course_speed(here, moved, local)
             true_course, true_speed = _course_speed(there, true_moved, local)
-            found["velocity"] = judged(np.linalg.norm(moved - true_moved, axis=-1), moving)
             found["speed"] = judged(speed - true_speed, both)
             turned = judged(np.degrees(wrap(course - true_course)), both)[1]
             found["course"] = dims, np.where(np.minimum(speed, true_speed) < _AT_REST, np.nan, turned)
@@ -396,9 +399,13 @@ def _summarise_one(dataset: xr.Dataset) -> dict[str, Any]:
     for name in BOUNDS:
         values = dataset[name].values[0] if name in dataset else np.full(time.size, np.nan)
         summary[f"{name}_{_UNITS[name.rpartition('_')[2]]}"] = _plain(values)
+    name = str(dataset["estimator"].values[0])
+    summary["causal"] = name not in dataset.attrs.get("looks_ahead", "").split(",")
     summary["diverged"] = int(_diverged(error["position"], _limit(dataset, None)).sum())
     summary["armse_position_m"] = _plain(armse(curves["position"]))
-    summary["convergence_time_s"] = _plain(convergence_time(time, curves["position"]))
+    summary["convergence_time_s"] = _plain(
+        convergence_time(time, curves["position"], dataset.attrs.get("convergence_m"))
+    )
     return summary
 
 

@@ -269,6 +269,8 @@ class Study:
                 ("estimator", "trial", "time", "innovation_row"),
                 per_estimator("innovation", rows),
             )
+        rows = signals["measurement"].shape[-1] if "measurement" in signals else 0
+        stream = next((e.wiring.stream for e in wired.estimators.values() if len(e.wiring.stream) == rows), range(rows))
         coordinates: dict[str, Any] = {
             "estimator": names,
             "trial": np.arange(first, first + count),
@@ -277,7 +279,7 @@ class Study:
             "state_units": ("state", list(motion.units)),
         }
         if "measurement" in data:
-            coordinates["row"] = wired.rows
+            coordinates["row"] = list(wired.stream or stream)
         dataset = xr.Dataset(data, coordinates, self.attributes(wired))
         dataset["truth"].attrs["long_name"] = f"state of the target, {wired.frame.replace('_', '-')} axes"
         return dataset
@@ -297,6 +299,8 @@ class Study:
             "frame": wired.frame,
             "divergence_m": wired.divergence,
             "scenario": dump(request.scenario, comments=False),
+            **({"looks_ahead": ",".join(wired.looks_ahead)} if wired.looks_ahead else {}),
+            **({} if wired.convergence is None else {"convergence_m": wired.convergence}),
         }
 
 

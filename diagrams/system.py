@@ -51,12 +51,17 @@ class Wired:
         Further signals worth a log, such as resolved integers.
     dashed : sequence of (str, str)
         Feedback connections (from block, to block) of the drawing.
-    frame : {'earth_fixed', 'local'}
-        Axes of all states. ``local``: east, north and, where there is a third axis, up, on a flat Earth.
+    looks_ahead : sequence of str
+        Estimators that use measurements before they are made (as a paper may); a summary says so.
+    frame : {'earth_fixed', 'inertial', 'local'}
+        Axes of all states; heights and courses mean nothing in inertial ones. ``local``: east, north and, where there
+        is a third axis, up, on a flat Earth.
+    convergence : float or None
+        The convergence time is when the RMSE of the position falls below this for good [m]; None: as `metrics` has it.
     axes : int
         Number of space dimensions: a state begins with so many coordinates, and then as many velocities if any.
     stream : sequence of str, optional
-        Names of the rows of `measurement`; by default those that the first estimator is wired to.
+        Names of the rows of `measurement`, where estimators are wired to something else that is made of it.
     """
 
     truth: OutputPort
@@ -72,14 +77,11 @@ class Wired:
     sensed: OutputPort | None = None
     signals: Mapping[str, OutputPort] = field(default_factory=dict)
     dashed: Sequence[tuple[str, str]] = ()
+    looks_ahead: Sequence[str] = ()
     frame: str = "earth_fixed"
+    convergence: float | None = None
     axes: int = 3
     stream: Sequence[str] | None = None
-
-    @property
-    def rows(self) -> list[str]:
-        """Names of the rows of `measurement`."""
-        return list(self.stream or next(iter(self.estimators.values())).wiring.stream)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,9 @@ ESTIMATORS: dict[str, str] = {
     "range_bank": "systems.estimators.range_bank:RangeBank",
     "crossing": "systems.estimators.crossing:Crossing",
     "ml": "systems.estimators.ml:Ml",
+    "ra": "systems.estimators.range_decomposed:Ra",
+    "ra_paper": "systems.estimators.range_decomposed:RaPaper",
+    "bank": "systems.estimators.bank:Bank",
     "custom": "systems.estimators.custom:Custom",
 }
 """Options class of each estimator, as ``module:Class``."""

@@ -23,6 +23,8 @@ from systems.measurement.bearing import Bearing
 from systems.measurement.direct_azimuth import DirectAzimuth
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.phase import InterferometerPhase
+from systems.measurement.ranged_position import RangedPosition
+from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.azimuth_rate import AzimuthRate
@@ -31,6 +33,7 @@ from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceler
 from systems.motion.gauss_markov import GaussMarkov
 from systems.motion.gravity import GravityConstants
 from systems.motion.kepler import KeplerElements, mean_motion, state_of
+from systems.motion.orbital import OrbitalMotion
 from systems.motion.stationary import Stationary
 from systems.registry import ESTIMATORS, locate
 
@@ -118,12 +121,17 @@ def _angles():
     return Geometry(targets, np.full((1, 3, 6), 100.0))
 
 
-GEOMETRIES = {
-    "satellites": _over_satellites(),
-    "stations": _over_stations(),
-    "aircraft": _around_aircraft(),
-    "angles": _angles(),
-}
+def _between_satellites():
+    """Inertial: twelve orbits seen from a satellite in a high one."""
+    rng = np.random.default_rng(4)
+    turn = rng.uniform(0, 2 * np.pi, (3, 12))
+    low = KeplerElements(rng.uniform(7e6, 9e6, 12), rng.uniform(0, 0.05, 12), rng.uniform(0.3, 2.5, 12), *turn)
+    high = KeplerElements(22e6, 0.2, np.radians(72.0), np.radians(30.0), np.radians(60.0), 0.4)
+    return Geometry(state_of(low, _EARTH.mu), state_of(high, _EARTH.mu)[None, None])
+
+
+EARTH_FIXED = {"satellites": _over_satellites(), "stations": _over_stations()}
+GEOMETRIES = {**EARTH_FIXED, "orbits": _between_satellites(), "aircraft": _around_aircraft(), "angles": _angles()}
 
 # ---------------------------------------------------------------------------------------- measurement models
 
@@ -154,6 +162,15 @@ def six():
 def _renamed(model):
     model.names = tuple(f"{row}_{model.platform}" for row in model.names)
     return model
+
+
+KINEMATICS = dict(zip(ROWS, (1e-3, 1e-3, 1e-5, 1e-5, 10.0, 0.05), strict=True))
+"""Standard deviations of what one satellite measures of another."""
+
+
+def kinematics(rows=tuple(ROWS), **options):
+    """Return the model of satellite_ranging."""
+    return RelativeKinematics({row: KINEMATICS[row] for row in rows}, **options)
 
 
 _STATIONS = {"receivers": (1, 2, 3, 4), "reference": 0}
@@ -188,6 +205,12 @@ MEASUREMENTS = {
         Stack([Tdoa(50e-9, correlated=True, **_STATIONS), Altitude(30.0, "barometric")]),
         "stations",
     ),
+    "relative kinematics": (kinematics(), "orbits"),
+    "relative kinematics, j2": (kinematics(j2=True), "orbits"),
+    "relative kinematics, angles": (kinematics(("azimuth", "elevation")), "orbits"),
+    "relative kinematics, without angles": (kinematics(tuple(ROWS)[2:]), "orbits"),
+    "stack of relative kinematics": (Stack([kinematics(tuple(ROWS)[:4]), kinematics(tuple(ROWS)[4:])]), "orbits"),
+    "ranged position": (RangedPosition(kinematics()), "orbits"),
     "bearing": (Bearing(np.radians(2.0)), "aircraft"),
     "bearing, elevation": (Bearing(np.radians(2.0), np.radians(1.0)), "aircraft"),
     "bearings of two": (Stack([Bearing(0.03), _renamed(Bearing(0.02, platform=1))]), "aircraft"),
@@ -229,6 +252,9 @@ MOTIONS = {
     "constant velocity, one axis": (ConstantVelocity(2.0, axes=1), np.array([[3e3, 20.0], [-1e3, 5.0]])),
     "white noise acceleration": (WhiteNoiseAcceleration(0.5), _STATE[None]),
     "white noise acceleration, plane": (WhiteNoiseAcceleration(0.5, axes=2), np.array([[1e3, -2e3, 10.0, 20.0]])),
+    "orbit, two-body": (OrbitalMotion(j2=False), _between_satellites().targets),
+    "orbit, j2": (OrbitalMotion(density=1e-6), _between_satellites().targets),
+    "orbit, second order": (OrbitalMotion(j2=True, method="second_order"), _between_satellites().targets),
     "stationary": (Stationary(2), np.array([[1e4, 5e4], [-3e3, 2e3]])),
     "stationary, random walk": (Stationary(3, 4.0), np.array([[1e4, 5e4, 1e2]])),
     "azimuth rate": (AzimuthRate(3e-9), np.array([[1.3, 0.003], [4.0, -0.01]])),
@@ -259,15 +285,18 @@ EXAMPLES = {
 """Options of registered estimators where the defaults are not enough, or are not all."""
 
 
+OWN_SENSOR = ("ra", "ra_paper", "bank")
+"""Registered estimators that work with one sensor only: the same laws on a scene of theirs, in test_ranging_laws."""
+
 BEARINGS_ONLY = ("range_bank", "crossing", "ml")
-"""Registered estimators that locate by bearings alone: `tests.laws.test_bearing_locators` holds them to the laws."""
+"""The same, for those that locate by bearings alone, in test_bearing_locators."""
 
 
 def estimators():
-    """Return options of every registered estimator of satellites' measurements, by a readable name."""
+    """Return options of every registered estimator that takes any sensor, by a readable name."""
     cases = {}
     for name, path in ESTIMATORS.items():
-        if name in BEARINGS_ONLY:
+        if name in (*OWN_SENSOR, *BEARINGS_ONLY):
             continue
         for i, options in enumerate(EXAMPLES.get(name) or [locate(path)()]):
             cases[f"{name} {i}" if i else name] = options
