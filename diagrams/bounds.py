@@ -145,15 +145,19 @@ def _whitened_rows(
 # --------------------------------------------------------------------------------------------- over trials
 
 
-def bound_squares(covariance: Array, truth: Array) -> Array:
+def bound_squares(covariance: Array, truth: Array, axes: int = 3, frame: str = "earth_fixed") -> Array:
     """Return the squared bounds of every trial.
 
     Parameters
     ----------
     covariance : ndarray, shape (..., n, n)
-        Of states that begin with Earth-fixed position [m] and velocity [m/s].
+        Of states that begin with position [m] and velocity [m/s].
     truth : ndarray, shape (..., n)
         Broadcasts with it.
+    axes : int
+        Number of space dimensions.
+    frame : {'earth_fixed', 'local'}
+        Axes of the states; see `Wired`.
 
     Returns
     -------
@@ -163,13 +167,21 @@ def bound_squares(covariance: Array, truth: Array) -> Array:
         course [m^2/s^2] and, across it, of the course [deg^2]. NaN for what is not in the state, and for the course
         of a target at rest. (That the local axes turn with the place, 1e-7 rad/m, is left out of the last two.)
     """
-    place, state = covariance[..., :3, :3], truth[..., :3]
-    normal = up(state)
-    position, height = _trace(place), _variance(place, normal)
+    place, state = covariance[..., :axes, :axes], truth[..., :axes]
+    position = _trace(place)
     undefined = np.full(position.shape, np.nan)
-    if covariance.shape[-1] < 6:
+    if frame == "local":
+        normal = np.broadcast_to([0.0, 0.0, 1.0], (*state.shape[:-1], 3))
+        height = undefined if axes < 3 else place[..., 2, 2]
+    else:
+        normal = up(state)
+        height = _variance(place, normal)
+    if covariance.shape[-1] < 2 * axes:
         return np.stack(np.broadcast_arrays(position, height, undefined, undefined, undefined))
-    moving, velocity = covariance[..., 3:6, 3:6], truth[..., 3:6]
+    moving, velocity = covariance[..., axes : 2 * axes, axes : 2 * axes], truth[..., axes : 2 * axes]
+    if axes < 3:  # level motion
+        moving = np.pad(moving, [(0, 0)] * (moving.ndim - 2) + [(0, 3 - axes)] * 2)
+        velocity = np.pad(velocity, [(0, 0)] * (velocity.ndim - 1) + [(0, 3 - axes)])
     level = velocity - normal * np.sum(normal * velocity, axis=-1, keepdims=True)
     speed = np.linalg.norm(level, axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -306,13 +318,14 @@ class StudyBounds:
                 return squares
         seen = None
         if present is not None:
-            stream = list(estimator.wiring.stream)
+            stream = list(self.wired.stream or estimator.wiring.stream)
             if set(model.names) <= set(stream) and present.shape[-1] == len(stream):
                 seen = present[..., [stream.index(row) for row in model.names]]
             else:  # rows that are made of all that is measured
                 seen = np.repeat(present.all(axis=-1, keepdims=True), model.size, axis=-1)
         steps = bound_steps(truth, platforms, self.times, model, motion, start, self.wired.start_uses_measurement, seen)
-        squares = np.stack([bound_squares(p, truth[:, k]) for k, p in enumerate(steps)], axis=1)
+        axes, frame = self.wired.axes, self.wired.frame
+        squares = np.stack([bound_squares(p, truth[:, k], axes, frame) for k, p in enumerate(steps)], axis=1)
         done.append((key, squares))
         return squares
 

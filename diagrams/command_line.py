@@ -167,6 +167,15 @@ def gdop(
 @app.command()
 def replay(
     dataset: Annotated[str, typer.Argument(metavar="DATASET", help="Which recording; see `quietfix list`.")],
+    file: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[FILE]",
+            help="For `bearings`: a CSV file with columns time_s, x_m and y_m (or latitude_deg and longitude_deg), "
+            "bearing_deg clockwise from north, sigma_deg (may be empty).",
+            show_default=False,
+        ),
+    ] = None,
     data: Annotated[
         Path | None,
         typer.Option("--data", metavar="DIR", help="Folder of the recordings; else the variable QUIETFIX_DATA."),
@@ -177,7 +186,7 @@ def replay(
     """Run estimator blocks on recorded measurements."""
     from diagrams.running import replay_command
 
-    replay_command(dataset, data, out, overwrite)
+    replay_command(dataset, data, out, overwrite, file)
 
 
 def main(arguments: list[str] | None = None) -> None:

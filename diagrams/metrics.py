@@ -77,18 +77,21 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
     Parameters
     ----------
     dataset : xarray.Dataset
-        A study's result; its state begins with Earth-fixed x, y, z and, if there is a velocity, vx, vy, vz.
+        A study's result; its state has x, y and maybe z, and vx, vy and maybe vz if there is a velocity, in the axes
+        that the attribute ``frame`` names (Earth-fixed ones without it).
 
     Returns
     -------
     xarray.Dataset, dims (estimator, trial, time)
         ``position`` [m] and ``velocity`` [m/s]: length of the error vector. Signed, estimate minus truth:
-        ``height`` above the WGS-84 ellipsoid [m], horizontal ``speed`` [m/s], ``course`` clockwise from north [deg] in
-        [-180, 180), NaN where truth or estimate is at rest. A state without a velocity has ``position`` and
-        ``height`` only; in inertial axes (attribute ``frame``) there are ``position`` and ``velocity`` only.
+        ``height`` above the WGS-84 ellipsoid, or z in local axes [m], horizontal ``speed`` [m/s], ``course`` clockwise
+        from north [deg] in [-180, 180), NaN where truth or estimate is at rest. A state without a velocity has
+        ``position`` and ``height`` only, one in the plane no ``height``; in inertial axes (attribute
+        ``frame``) there are ``position`` and ``velocity`` only.
     """
     states = [str(name) for name in dataset["state"].values]
-    place = [states.index(name) for name in ("x", "y", "z")]
+    place = [states.index(name) for name in ("x", "y", "z") if name in states]
+    local = dataset.attrs.get("frame") == "local"
     moving = [states.index(name) for name in ("vx", "vy", "vz") if name in states]
     dims = ("estimator", "trial", "time")
     estimate = dataset["estimate"].transpose(*dims, "state").values
@@ -112,17 +115,25 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
         if moving:
             moved, true_moved = usable[..., moving], truth.values[..., moving]
             found["velocity"] = judged(np.linalg.norm(moved - true_moved, axis=-1), moving)
-        if not inertial:
-            found["height"] = judged(ecef_to_geodetic(here)[2] - ecef_to_geodetic(there)[2], place)
+        if not inertial and len(place) == 3:
+            high = (here - there)[..., 2] if local else ecef_to_geodetic(here)[2] - ecef_to_geodetic(there)[2]
+            found["height"] = judged(high, place)
         if moving and not inertial:
             both = [*place, *moving]
-            course, speed, _ = course_speed(here, moved)
-            true_course, true_speed, _ = course_speed(there, true_moved)
+            course, speed = _course_speed(here, moved, local)
+            true_course, true_speed = _course_speed(there, true_moved, local)
             found["speed"] = judged(speed - true_speed, both)
             turned = judged(np.degrees(wrap(course - true_course)), both)[1]
             found["course"] = dims, np.where(np.minimum(speed, true_speed) < _AT_REST, np.nan, turned)
     names = {name: dataset[name] for name in dims if name in dataset.coords}
     return xr.Dataset(found, coords=names)
+
+
+def _course_speed(place: Array, velocity: Array, local: bool) -> tuple[Array, Array]:
+    """Return course clockwise from north [rad] and horizontal speed [m/s]."""
+    if local:
+        return np.arctan2(velocity[..., 0], velocity[..., 1]), np.hypot(velocity[..., 0], velocity[..., 1])
+    return course_speed(place, velocity)[:2]
 
 
 # ---------------------------------------------------------------------------------------------- over trials

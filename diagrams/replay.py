@@ -20,6 +20,7 @@ __all__ = ["REPLAYS", "Dataset", "Replay", "data_folder", "replay"]
 
 REPLAYS: dict[str, str] = {
     "locards": "diagrams.locards:DATASET",
+    "bearings": "diagrams.bearings:DATASET",
 }
 """Where each data set's `Dataset` is, as ``module:NAME``; a new replay is one line here."""
 
@@ -54,12 +55,15 @@ class Dataset:
         Where anybody can get it.
     run : callable
         ``run(folder, progress) -> Replay``; `progress` shows a bar where that is wanted.
+    takes_file : bool
+        True: a file of the user's own is replayed, and `run` gets it instead of a folder.
     """
 
     name: str
     folder: str
     source: str
     run: Callable[[Path, bool], Replay]
+    takes_file: bool = False
 
 
 def data_folder(dataset: Dataset, data: Path | str | None) -> Path:
@@ -92,7 +96,11 @@ def data_folder(dataset: Dataset, data: Path | str | None) -> Path:
 
 
 def replay(
-    dataset: str, data: Path | str | None = None, out: Path | str | None = None, progress: bool = True
+    dataset: str,
+    data: Path | str | None = None,
+    out: Path | str | None = None,
+    progress: bool = True,
+    file: Path | str | None = None,
 ) -> Replay:
     """Run estimator blocks on a recording, print a table and, if asked, write figures and ``summary.json``.
 
@@ -106,6 +114,8 @@ def replay(
         Folder for what is written; it is made if need be.
     progress : bool
         Show a progress bar.
+    file : path, optional
+        What is replayed, where the data set takes a file of the user's own.
 
     Returns
     -------
@@ -120,7 +130,7 @@ def replay(
     from systems.registry import locate
 
     entry: Dataset = locate(REPLAYS[choose("dataset", dataset, REPLAYS)])
-    folder = data_folder(entry, data)
+    folder = _own_file(entry, file) if entry.takes_file or file is not None else data_folder(entry, data)
     began = time.monotonic()
     result = entry.run(folder, progress)
     seconds = time.monotonic() - began
@@ -130,6 +140,14 @@ def replay(
     if out is not None:
         _write(result, Path(out), dataset, seconds)
     return result
+
+
+def _own_file(dataset: Dataset, file: Path | str | None) -> Path:
+    if not dataset.takes_file:
+        raise UserError(f"FILE: {file} is not allowed for {dataset.name}; its recording is in the data folder")
+    if file is None:
+        raise UserError(f"FILE: it is missing; {dataset.name} replays {dataset.source}")
+    return Path(file)
 
 
 def _write(result: Replay, out: Path, dataset: str, seconds: float) -> None:

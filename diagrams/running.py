@@ -162,15 +162,17 @@ def gdop_command(
         folder.finish()
 
 
-def replay_command(dataset: str, data: Path | None, out: Path | None, overwrite: bool) -> None:
+def replay_command(
+    dataset: str, data: Path | None, out: Path | None, overwrite: bool, file: Path | None = None
+) -> None:
     """Replay recorded measurements; see ``quietfix replay --help``."""
     from diagrams.replay import replay
 
     if out is None:
-        replay(dataset, data=data)
+        replay(dataset, data=data, file=file)
         return
     with OutputFolder(out, overwrite) as folder:
-        replay(dataset, data=data, out=folder.partial)
+        replay(dataset, data=data, out=folder.partial, file=file)
         folder.finish()
     print(f"wrote {out}")
 

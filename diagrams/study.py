@@ -280,7 +280,7 @@ class Study:
             "state_units": ("state", list(motion.units)),
         }
         if "measurement" in data:
-            coordinates["row"] = list(stream)
+            coordinates["row"] = list(wired.stream or stream)
         dataset = xr.Dataset(data, coordinates, self.attributes(wired))
         dataset["truth"].attrs["long_name"] = f"state of the target, {wired.frame.replace('_', '-')} axes"
         return dataset

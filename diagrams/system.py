@@ -53,10 +53,15 @@ class Wired:
         Feedback connections (from block, to block) of the drawing.
     looks_ahead : sequence of str
         Estimators that use measurements before they are made (as a paper may); a summary says so.
-    frame : {'earth_fixed', 'inertial'}
-        Axes of all states; heights and courses mean nothing in inertial ones.
+    frame : {'earth_fixed', 'inertial', 'local'}
+        Axes of all states; heights and courses mean nothing in inertial ones. ``local``: east, north and, where there
+        is a third axis, up, on a flat Earth.
     convergence : float or None
         The convergence time is when the RMSE of the position falls below this for good [m]; None: as `metrics` has it.
+    axes : int
+        Number of space dimensions: a state begins with so many coordinates, and then as many velocities if any.
+    stream : sequence of str, optional
+        Names of the rows of `measurement`, where estimators are wired to something else that is made of it.
     """
 
     truth: OutputPort
@@ -75,6 +80,8 @@ class Wired:
     looks_ahead: Sequence[str] = ()
     frame: str = "earth_fixed"
     convergence: float | None = None
+    axes: int = 3
+    stream: Sequence[str] | None = None
 
 
 @dataclass(frozen=True)

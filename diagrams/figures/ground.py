@@ -31,31 +31,45 @@ def draw_ground(dataset: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Left: longitude and latitude; a dot is where a track begins. Right: horizontal errors at the last epoch [km].
+        Left: longitude and latitude, or east and north [km] in local axes; a dot is where a track begins. Right:
+        horizontal errors at the last epoch [km].
     """
     figure, (left, right) = new_figure(columns=2)
     truth = dataset["truth"]
     if "trial" in truth.dims:
-        _draw_tracks(left, truth.transpose("trial", "time", "state").values[..., :3], dataset)
+        _draw_tracks(left, truth.transpose("trial", "time", "state").values, dataset)
     else:
-        _draw_tracks(left, truth.transpose("time", "state").values[None, :, :3], dataset)
+        _draw_tracks(left, truth.transpose("time", "state").values[None], dataset)
     _draw_last_errors(right, dataset)
     figure.suptitle(title(dataset))
     legend_outside(figure, right, markerscale=2.5)
     return figure
 
 
-def _track(axes: Any, position: Array, color: str, **keywords: Any) -> None:
-    """Draw a ground track (time, 3) with a dot at its beginning."""
-    latitude, longitude, _ = ecef_to_geodetic(position[np.isfinite(position).all(axis=-1)])
-    if latitude.size == 0:
+def _local(dataset: xr.Dataset) -> bool:
+    return dataset.attrs.get("frame") == "local"
+
+
+def _on_map(position: Array, local: bool) -> tuple[Array, Array]:
+    """Return longitude and latitude [deg], or east and north [km], of positions (..., >= 2)."""
+    if local:
+        return position[..., 0] / 1e3, position[..., 1] / 1e3
+    latitude, longitude, _ = ecef_to_geodetic(position)
+    return np.degrees(np.unwrap(longitude) if longitude.ndim else longitude), np.degrees(latitude)
+
+
+def _track(axes: Any, position: Array, color: str, local: bool, **keywords: Any) -> None:
+    """Draw a ground track (time, >= 2) with a dot at its beginning."""
+    across, along = _on_map(position[np.isfinite(position).all(axis=-1)], local)
+    if along.size == 0:
         return
-    east = np.degrees(np.unwrap(longitude))
-    axes.plot(east, np.degrees(latitude), color=color, **keywords)
-    axes.plot(east[:1], np.degrees(latitude[:1]), "o", color=color, markersize=6)
+    axes.plot(across, along, color=color, **keywords)
+    axes.plot(across[:1], along[:1], "o", color=color, markersize=6)
 
 
 def _draw_tracks(axes: Any, target: Array, dataset: xr.Dataset) -> None:
+    local = _local(dataset)
+    target = target[..., : 2 if local else 3]
     if "platforms" in dataset:
         carriers = dataset["platforms"].values
         carriers = carriers if carriers.ndim == 3 else carriers[0]
@@ -64,19 +78,26 @@ def _draw_tracks(axes: Any, target: Array, dataset: xr.Dataset) -> None:
                 axes,
                 carriers[:, i, :3],
                 _CARRIERS,
+                local,
                 linewidth=1.5,
                 label="carriers, from the dot on" if i == 0 else None,
             )
-            place = ecef_to_geodetic(carriers[-1, i, :3])
-            axes.annotate(
-                str(i), np.degrees([place[1], place[0]]), xytext=(4, 2), textcoords="offset points", color=_CARRIERS
-            )
+            last = _on_map(carriers[-1, i, :3], local)
+            axes.annotate(str(i), last, xytext=(4, 2), textcoords="offset points", color=_CARRIERS)
     shown = target[:20]  # enough to see how trials differ
     for i, course in enumerate(shown):
-        _track(axes, course, "#d55e00", linewidth=2.5 if len(shown) == 1 else 1.0, label="target" if i == 0 else None)
-    latitude = ecef_to_geodetic(target[0, 0])[0]
-    axes.set_aspect(1 / max(0.05, float(np.cos(np.nan_to_num(latitude)))), adjustable="datalim")
-    axes.set(xlabel="longitude [deg]", ylabel="latitude [deg]", title="ground tracks")
+        _track(
+            axes,
+            course,
+            "#d55e00",
+            local,
+            linewidth=2.5 if len(shown) == 1 else 1.0,
+            label="target" if i == 0 else None,
+        )
+    shrunk = 1.0 if local else max(0.05, float(np.cos(np.nan_to_num(ecef_to_geodetic(target[0, 0])[0]))))
+    axes.set_aspect(1 / shrunk, adjustable="datalim")
+    names = ("east [km]", "north [km]") if local else ("longitude [deg]", "latitude [deg]")
+    axes.set(xlabel=names[0], ylabel=names[1], title="ground tracks")
     axes.margins(0.1)
     axes.legend(frameon=False, loc="best")
     grid(axes)
@@ -85,11 +106,14 @@ def _draw_tracks(axes: Any, target: Array, dataset: xr.Dataset) -> None:
 def _draw_last_errors(axes: Any, dataset: xr.Dataset) -> None:
     last = dataset.isel(time=-1)
     truth = last["truth"].values[..., :3]
-    latitude, longitude, _ = ecef_to_geodetic(truth)
-    local = enu_rotation(np.nan_to_num(latitude), np.nan_to_num(longitude))
     estimate = last["estimate"].transpose("estimator", "trial", "state").values[..., :3]
-    with np.errstate(invalid="ignore"):
-        offset = (local @ (estimate - truth)[..., None])[..., 0] / 1e3
+    if _local(dataset):
+        offset = (estimate - truth)[..., :2] / 1e3
+    else:
+        latitude, longitude, _ = ecef_to_geodetic(truth)
+        rotation = enu_rotation(np.nan_to_num(latitude), np.nan_to_num(longitude))
+        with np.errstate(invalid="ignore"):
+            offset = (rotation @ (estimate - truth)[..., None])[..., 0] / 1e3
     for i, (name, look) in enumerate(looks(dataset).items()):
         finite = offset[i][np.isfinite(offset[i]).all(axis=-1)]
         axes.plot(finite[:, 0], finite[:, 1], ".", color=look.color, markersize=5, label=name, zorder=3 - 0.01 * i)

@@ -314,7 +314,7 @@ class Estimator(EnsembleBlock):
             "started": started,
         }
         for group, value in values.items():
-            discrete.set_value(self._groups[group][0], np.ravel(value).astype(float))
+            discrete.set_value(self._groups[group][0], np.ravel(value).astype(float, copy=False))
         discrete.set_value(self._stamp, [time, float(used)])
 
     def _initialize(self, context: Context, discrete: DiscreteValues) -> None:

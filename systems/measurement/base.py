@@ -56,6 +56,14 @@ class MeasurementModel(ABC):
         """Return `predict` and `jacobian`; a model whose two share work overrides this."""
         return self.predict(target, platforms), self.jacobian(target, platforms)
 
+    def secant(self, measured: Array, target: Array, platforms: Array) -> Array:
+        r"""Return the modified gain g, shape (..., m, n).
+
+        It makes :math:`h(x) - h(\hat x) = g(z, \hat x)(x - \hat x)` exact for z = h(x).
+        By default the Jacobian at the target's estimate: for most measurements no such g is known.
+        """
+        return self.jacobian(target, platforms)
+
     def residual(self, measured: Array, predicted: Array) -> Array:
         """Return ``measured - predicted``; models of angles and wrapped phases wrap it."""
         return measured - predicted

@@ -15,6 +15,7 @@ COMPARISONS: dict[str, str] = {
     "diagram_overhead": "tests.benchmarks.diagram_overhead:compare",
     "one_linearisation": "tests.benchmarks.one_linearisation:compare",
     "ensemble_size": "tests.benchmarks.ensemble_size:compare",
+    "bearings_only": "tests.benchmarks.bearings_only:compare",
     "satellite_ranging": "tests.benchmarks.satellite_ranging:compare",
 }
 """Function of each comparison, ``compare(size: Size) -> Section``, as ``module:function``."""

@@ -14,21 +14,27 @@ from systems.estimators.iekf import Iekf
 from systems.estimators.ukf import Ukf
 from systems.filters.gaussian import GaussianFilter
 from systems.filters.iterated_extended import IteratedExtendedKalman
+from systems.filters.modified_gain import ModifiedGainKalman
 from systems.filters.unscented import UnscentedKalman
 from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed
 from systems.measurement.altitude import Altitude
 from systems.measurement.base import SPEED_OF_LIGHT
+from systems.measurement.bearing import Bearing
+from systems.measurement.direct_azimuth import DirectAzimuth
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.phase import InterferometerPhase
 from systems.measurement.ranged_position import RangedPosition
 from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
+from systems.motion.azimuth_rate import AzimuthRate
 from systems.motion.base import MotionModel
 from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
+from systems.motion.gauss_markov import GaussMarkov
 from systems.motion.gravity import GravityConstants
 from systems.motion.kepler import KeplerElements, mean_motion, state_of
 from systems.motion.orbital import OrbitalMotion
+from systems.motion.stationary import Stationary
 from systems.registry import ESTIMATORS, locate
 
 # ------------------------------------------------------------------------------------------------ geometries
@@ -98,6 +104,23 @@ def _over_stations():
     return Geometry(targets, stations[None])
 
 
+def _around_aircraft():
+    rng = np.random.default_rng(3)
+    aircraft = np.array([[5e3, -2e3, 8e3, 160.0, 40.0, 0.0], [0.0, 0.0, 100.0, 0.0, 0.0, 0.0]])
+    # not due west of it, where a difference of azimuths that are not wrapped means nothing
+    azimuth, distance = rng.uniform(-2.8, 2.8, 12), rng.uniform(10e3, 80e3, 12)
+    targets = np.zeros((12, 6))
+    targets[:, :2] = aircraft[0, :2] + distance[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
+    targets[:, 2], targets[:, 3:] = rng.uniform(0, 12e3, 12), rng.uniform(-200, 200, (12, 3))
+    return Geometry(targets, aircraft[None])
+
+
+def _angles():
+    targets = np.zeros((12, 6))
+    targets[:, 0], targets[:, 1] = np.linspace(-3.0, 3.0, 12), 0.01
+    return Geometry(targets, np.full((1, 3, 6), 100.0))
+
+
 def _between_satellites():
     """Inertial: twelve orbits seen from a satellite in a high one."""
     rng = np.random.default_rng(4)
@@ -108,7 +131,7 @@ def _between_satellites():
 
 
 EARTH_FIXED = {"satellites": _over_satellites(), "stations": _over_stations()}
-GEOMETRIES = {**EARTH_FIXED, "orbits": _between_satellites()}
+GEOMETRIES = {**EARTH_FIXED, "orbits": _between_satellites(), "aircraft": _around_aircraft(), "angles": _angles()}
 
 # ---------------------------------------------------------------------------------------- measurement models
 
@@ -134,6 +157,11 @@ def phase(**options):
 def six():
     """Return the stack of all six rows of three_satellite."""
     return Stack([tdoa(), fdoa(), phase()])
+
+
+def _renamed(model):
+    model.names = tuple(f"{row}_{model.platform}" for row in model.names)
+    return model
 
 
 KINEMATICS = dict(zip(ROWS, (1e-3, 1e-3, 1e-5, 1e-5, 10.0, 0.05), strict=True))
@@ -183,6 +211,10 @@ MEASUREMENTS = {
     "relative kinematics, without angles": (kinematics(tuple(ROWS)[2:]), "orbits"),
     "stack of relative kinematics": (Stack([kinematics(tuple(ROWS)[:4]), kinematics(tuple(ROWS)[4:])]), "orbits"),
     "ranged position": (RangedPosition(kinematics()), "orbits"),
+    "bearing": (Bearing(np.radians(2.0)), "aircraft"),
+    "bearing, elevation": (Bearing(np.radians(2.0), np.radians(1.0)), "aircraft"),
+    "bearings of two": (Stack([Bearing(0.03), _renamed(Bearing(0.02, platform=1))]), "aircraft"),
+    "direct azimuth": (DirectAzimuth(0.03), "angles"),
 }
 """Every measurement model, in every option that changes its mathematics: model and geometry."""
 
@@ -223,6 +255,10 @@ MOTIONS = {
     "orbit, two-body": (OrbitalMotion(j2=False), _between_satellites().targets),
     "orbit, j2": (OrbitalMotion(density=1e-6), _between_satellites().targets),
     "orbit, second order": (OrbitalMotion(j2=True, method="second_order"), _between_satellites().targets),
+    "stationary": (Stationary(2), np.array([[1e4, 5e4], [-3e3, 2e3]])),
+    "stationary, random walk": (Stationary(3, 4.0), np.array([[1e4, 5e4, 1e2]])),
+    "azimuth rate": (AzimuthRate(3e-9), np.array([[1.3, 0.003], [4.0, -0.01]])),
+    "fading error": (GaussMarkov(100.0, 30.0), np.array([[120.0, -80.0], [10.0, 3.0]])),
     "turning": (Turning(), np.array([[10.0, 20.0, 0.3, 0.01], [-5e3, 1e3, -2.0, 0.05]])),
 }
 """Every motion model: model and example states (k, n)."""
@@ -233,6 +269,7 @@ FILTERS: dict[str, GaussianFilter] = {
     "ekf": IteratedExtendedKalman(max_iterations=1),
     "iekf": IteratedExtendedKalman(),
     "iekf, five iterations": IteratedExtendedKalman(5, 1e-300),
+    "modified gain": ModifiedGainKalman(),
     "ukf": UnscentedKalman(),
     "ukf, alpha 0.5, beta 2": UnscentedKalman(0.5, 2.0, 0.0),
     "ukf, kappa": UnscentedKalman(1.0, 2.0, -3.0),
@@ -251,12 +288,15 @@ EXAMPLES = {
 OWN_SENSOR = ("ra", "ra_paper", "bank")
 """Registered estimators that work with one sensor only: the same laws on a scene of theirs, in test_ranging_laws."""
 
+BEARINGS_ONLY = ("range_bank", "crossing", "ml")
+"""The same, for those that locate by bearings alone, in test_bearing_locators."""
+
 
 def estimators():
     """Return options of every registered estimator that takes any sensor, by a readable name."""
     cases = {}
     for name, path in ESTIMATORS.items():
-        if name in OWN_SENSOR:
+        if name in (*OWN_SENSOR, *BEARINGS_ONLY):
             continue
         for i, options in enumerate(EXAMPLES.get(name) or [locate(path)()]):
             cases[f"{name} {i}" if i else name] = options

@@ -1,0 +1,81 @@
+"""The modified gain extended Kalman filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.filters.gaussian import GaussianFilter
+from systems.filters.linear_algebra import cholesky
+from systems.filters.square_root import Gains, Posterior
+from systems.filters.whitening import Whitener, missing_rows
+from systems.measurement.base import MeasurementModel
+
+__all__ = ["ModifiedGainKalman"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ModifiedGainKalman(GaussianFilter):
+    r"""EKF gain; the covariance by the gain that would make the linear relation exact.
+
+    .. math:: K = P H^T S^{-1}, \quad S = H P H^T + R, \qquad \hat x^+ = \hat x + K\,[z - h(\hat x)], \qquad
+              P^+ = (I - K g)\,P\,(I - K g)^T + K R K^T
+
+    H is the Jacobian at the prediction, g the model's `secant` at the measurement. Galkowski and Islam, *An alternate
+    derivation of the modified gain function of Song and Speyer*, IEEE Trans. Automatic Control 36 (1991) 1323-1326.
+
+    Notes
+    -----
+    With D = g - H and the covariance :math:`A A^T` of the EKF,
+    :math:`P^+ = (I - K D) A A^T (I - K D)^T + (K D K)\,S\,(K D K)^T`: definite whatever g, without forming differences
+    of a wide prior, and the EKF's where g = H.
+    """
+
+    def update(
+        self,
+        mean: Array,
+        covariance: Array,
+        measurement: Array,
+        platforms: Array,
+        model: MeasurementModel,
+        whitener: Whitener,
+    ) -> Posterior:
+        """See `GaussianFilter.update`."""
+        value, jacobian = model.linearize(mean, platforms)
+        secant = model.secant(measurement, mean, platforms)
+        innovation = model.residual(measurement, value)
+        missing = missing_rows(innovation, jacobian)
+        if missing is not None:
+            innovation = np.where(missing, 0.0, innovation)
+            jacobian, secant = (np.where(missing[..., None], 0.0, rows) for rows in (jacobian, secant))
+        weight = whitener.matrix(missing)
+        root = cholesky(covariance)
+        gains = Gains(root, weight @ (jacobian @ root))
+        step, nis = gains.update((weight @ innovation[..., None])[..., 0])
+        posterior = self._covariance(gains, weight @ (secant - jacobian))
+        if missing is None:
+            used = np.full(mean.shape[0], float(model.size))
+        else:
+            innovation = np.where(missing, np.nan, innovation)
+            used = np.count_nonzero(~missing, axis=-1).astype(float)
+            nis = np.where(used > 0, nis, np.nan)
+        return Posterior(mean + step, posterior, innovation, nis, used)
+
+    @staticmethod
+    def _covariance(gains: Gains, difference: Array) -> Array:
+        """Return P+; `difference` is D, whitened (..., m, n)."""
+        if not difference.any():
+            return gains.covariance()
+        m = difference.shape[-2]
+        unit = np.broadcast_to(np.eye(m), (*difference.shape[:-2], m, m))
+        gain = np.stack([gains.correction(unit[..., i]) for i in range(m)], axis=-1)
+        spread = np.eye(m) + gains.rows @ np.swapaxes(gains.rows, -1, -2)
+        root = gains.root()
+        half = np.concatenate(
+            [root - gain @ (difference @ root), gain @ (difference @ gain) @ np.linalg.cholesky(spread)], axis=-1
+        )
+        return half @ np.swapaxes(half, -1, -2)

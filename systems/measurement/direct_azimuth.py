@@ -1,0 +1,57 @@
+"""An azimuth that is itself a state."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.measurement.base import MeasurementModel, positive
+from systems.measurement.phase import wrap
+
+__all__ = ["DirectAzimuth"]
+
+Array = NDArray[np.float64]
+
+
+class DirectAzimuth(MeasurementModel):
+    """The first state component is measured, as an angle: H = [1, 0], R = sigma^2, residuals wrapped.
+
+    Equation (12) of Huang, doi 10.3969/j.issn.1009-086x.2017.01.020. No platform is read.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation [rad].
+    """
+
+    names = ("azimuth",)
+    units = ("rad",)
+
+    def __init__(self, sigma: float) -> None:
+        self.sigma = positive(sigma, "sigma_bearing", "rad")
+
+    def predict(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.predict`."""
+        return target[..., :1]
+
+    def jacobian(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.jacobian`."""
+        jacobian = np.zeros((*target.shape[:-1], 1, target.shape[-1]))
+        jacobian[..., 0, 0] = 1.0
+        return jacobian
+
+    def noise_covariance(self) -> Array:
+        """See `MeasurementModel.noise_covariance`."""
+        return np.array([[self.sigma**2]])
+
+    def residual(self, measured: Array, predicted: Array) -> Array:
+        """Return the difference, in [-pi, pi): the state's azimuth may have run past pi."""
+        return wrap(measured - predicted)
+
+    def represent(self, value: Array) -> Array:
+        """Return the angle in [-pi, pi)."""
+        return wrap(value)
+
+    def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
+        """No platform is needed."""
+        return np.zeros((1, platforms), dtype=bool)
