@@ -243,7 +243,8 @@ class StudyBounds:
 
     ``bound``: what the estimator's motion model allows (its process noise). ``bound_truth``: the same measurements and
     start, with the process noise of the motion that was simulated. Estimators whose sensor, motion and start are alike
-    share the work. Estimators whose state is not the truth's have no bound (NaN).
+    share the work. Estimators whose state is not the truth's have no bound (NaN);
+    neither has ``bound_truth`` where the truth moves as none of the motion models.
 
     Parameters
     ----------
@@ -286,14 +287,14 @@ class StudyBounds:
         self,
         name: str,
         estimator: Estimator,
-        motion: MotionModel,
+        motion: MotionModel | None,
         truth: Array,
         platforms: Array,
         present: Mask | None,
         done: list[tuple[tuple[Any, ...], Array]],
     ) -> Array:
         n = truth.shape[-1]
-        if not estimator.motion.size == motion.size == n:
+        if motion is None or not estimator.motion.size == motion.size == n:
             return np.full((len(QUANTITIES), self.times.size, 1), np.nan)
         start = self.wired.start_covariance(name, truth[:, 0], platforms[:, 0])
         key = (estimator.model, motion, start)
@@ -308,6 +309,8 @@ class StudyBounds:
             truth, platforms, self.times, estimator.model, motion, start, self.wired.start_uses_measurement, seen
         )
         squares = np.stack([bound_squares(p, truth[:, k]) for k, p in enumerate(steps)], axis=1)
+        if self.wired.frame != "earth_fixed":  # the others refer to the ellipsoid
+            squares[[i for i, what in enumerate(QUANTITIES) if what not in ("position", "velocity")]] = np.nan
         done.append((key, squares))
         return squares
 

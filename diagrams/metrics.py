@@ -77,7 +77,8 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
     Parameters
     ----------
     dataset : xarray.Dataset
-        A study's result; its state begins with Earth-fixed x, y, z and, if there is a velocity, vx, vy, vz.
+        A study's result; its state begins with x, y, z and, if there is a velocity, vx, vy, vz; Earth-fixed unless its
+        attribute ``frame`` says otherwise.
 
     Returns
     -------
@@ -85,11 +86,13 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
         ``position`` [m] and ``velocity`` [m/s]: length of the error vector. Signed, estimate minus truth:
         ``height`` above the WGS-84 ellipsoid [m], horizontal ``speed`` [m/s], ``course`` clockwise from north [deg] in
         [-180, 180), NaN where truth or estimate is at rest. A state without a velocity has ``position`` and
-        ``height`` only.
+        ``height`` only; other axes than Earth-fixed have ``position`` and ``velocity`` only. Where the state has a
+        component ``bias`` its signed error is there as well.
     """
     states = [str(name) for name in dataset["state"].values]
     place = [states.index(name) for name in ("x", "y", "z")]
     moving = [states.index(name) for name in ("vx", "vy", "vz") if name in states]
+    earth_fixed = dataset.attrs.get("frame", "earth_fixed") == "earth_fixed"
     dims = ("estimator", "trial", "time")
     estimate = dataset["estimate"].transpose(*dims, "state").values
     truth = dataset["truth"]
@@ -108,16 +111,21 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         here, there = usable[..., place], truth.values[..., place]
         found["position"] = judged(np.linalg.norm(here - there, axis=-1), place)
-        found["height"] = judged(ecef_to_geodetic(here)[2] - ecef_to_geodetic(there)[2], place)
+        if earth_fixed:
+            found["height"] = judged(ecef_to_geodetic(here)[2] - ecef_to_geodetic(there)[2], place)
         if moving:
-            both = [*place, *moving]
             moved, true_moved = usable[..., moving], truth.values[..., moving]
+            found["velocity"] = judged(np.linalg.norm(moved - true_moved, axis=-1), moving)
+        if moving and earth_fixed:
+            both = [*place, *moving]
             course, speed, _ = course_speed(here, moved)
             true_course, true_speed, _ = course_speed(there, true_moved)
-            found["velocity"] = judged(np.linalg.norm(moved - true_moved, axis=-1), moving)
             found["speed"] = judged(speed - true_speed, both)
             turned = judged(np.degrees(wrap(course - true_course)), both)[1]
             found["course"] = dims, np.where(np.minimum(speed, true_speed) < _AT_REST, np.nan, turned)
+        if "bias" in states:
+            column = [states.index("bias")]
+            found["bias"] = judged((usable - known)[..., column[0]], column)
     names = {name: dataset[name] for name in dims if name in dataset.coords}
     return xr.Dataset(found, coords=names)
 
@@ -378,6 +386,8 @@ def _summarise_one(dataset: xr.Dataset) -> dict[str, Any]:
         return _plain(curves[name]) if name in curves else list(missing)
 
     summary: dict[str, Any] = {f"rmse_{name}_{unit}": curve(name) for name, unit in _UNITS.items()}
+    if "bias" in curves:
+        summary["rmse_bias_mps"] = curve("bias")
     summary["median_position_m"] = _plain(median(error["position"]).values[0])
     summary["nees_mean"] = _plain(nees["mean"].values[0])
     summary["nis_mean"] = _plain(nis["mean"].values[0])

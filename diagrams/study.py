@@ -239,6 +239,9 @@ class Study:
             return stacked if columns else stacked[..., 0]
 
         truth = signals["truth"].swapaxes(0, 1)
+        # The truth may have states that no estimator of this study has, and the other way round.
+        missing = np.full((*truth.shape[:2], max(0, size - truth.shape[-1])), np.nan)
+        truth = np.concatenate([truth[..., :size], missing], axis=-1)
         shared = truth.shape[0] == 1
         carriers = self._carriers(signals, count)
         data: dict[str, Any] = {
@@ -261,7 +264,10 @@ class Study:
         if request.keep in ("measurements", "all"):
             data["measurement"] = (("trial", "time", "row"), signals["measurement"].swapaxes(0, 1)[:count])
             for name in wired.signals:
-                data[name] = (("trial", "time", f"{name}_row"), signals[name].swapaxes(0, 1)[:count])
+                log = signals[name].swapaxes(0, 1)[:count]
+                row = f"{name}_row"
+                alike = log.shape[0] == 1 < signals["measurement"].shape[1]  # one for all trials
+                data[name] = (("time", row), log[0]) if alike else (("trial", "time", row), log)
         if request.keep == "all":
             data["prediction"] = (("estimator", "trial", "time", "state"), per_estimator("prediction", size))
             rows = max(estimator.model.size for estimator in wired.estimators.values())
@@ -280,7 +286,7 @@ class Study:
         if "measurement" in data:
             coordinates["row"] = list(stream)
         dataset = xr.Dataset(data, coordinates, self.attributes(wired))
-        dataset["truth"].attrs["long_name"] = "state of the target, Earth-fixed"
+        dataset["truth"].attrs["long_name"] = f"state of the target, {wired.frame.replace('_', '-')} axes"
         return dataset
 
     def attributes(self, wired: Wired) -> dict[str, Any]:
@@ -295,7 +301,7 @@ class Study:
             "keep": request.keep,
             "every": request.every,
             "version": _version(),
-            "frame": "earth_fixed",
+            "frame": wired.frame,
             "divergence_m": wired.divergence,
             "scenario": dump(request.scenario, comments=False),
         }

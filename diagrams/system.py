@@ -43,14 +43,18 @@ class Wired:
     start_covariance : callable
         ``(estimator name, truth (trials, n), platforms) -> (trials, n, n)``: covariance of the start at the truth;
         it is the prior of the bounds.
-    truth_motion : MotionModel
-        The motion that the truth really has, for the bound that does not know the filter's process noise.
+    truth_motion : MotionModel, optional
+        The motion that the truth really has, for the bound that does not know the filter's process noise; None where
+        it is none of the models (a rocket's thrust), and that bound is then NaN.
     start_uses_measurement : bool
         Whether the first epoch's measurement is spent on the start.
     signals : mapping of str to OutputPort
         Further signals worth a log, such as resolved integers.
     dashed : sequence of (str, str)
         Feedback connections (from block, to block) of the drawing.
+    frame : str
+        Axes of states and platforms: ``earth_fixed`` (WGS-84), or the name of others, in which height above the
+        ellipsoid, speed over ground and course mean nothing and are left undefined.
     """
 
     truth: OutputPort
@@ -61,11 +65,12 @@ class Wired:
     duration: float
     divergence: float
     start_covariance: Callable[[str, Array, Array], Array]
-    truth_motion: MotionModel
+    truth_motion: MotionModel | None
     start_uses_measurement: bool
     sensed: OutputPort | None = None
     signals: Mapping[str, OutputPort] = field(default_factory=dict)
     dashed: Sequence[tuple[str, str]] = ()
+    frame: str = "earth_fixed"
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ ESTIMATORS: dict[str, str] = {
     "ekf": "systems.estimators.ekf:Ekf",
     "ukf": "systems.estimators.ukf:Ukf",
     "iekf_hypotheses": "systems.estimators.iekf_hypotheses:IekfHypotheses",
+    "ukf_unaugmented": "systems.estimators.beacon:UkfUnaugmented",
+    "ukf_monitored": "systems.estimators.beacon:UkfMonitored",
     "custom": "systems.estimators.custom:Custom",
 }
 """Options class of each estimator, as ``module:Class``."""

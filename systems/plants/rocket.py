@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
@@ -33,7 +35,7 @@ def fly(model: RocketModel, end: float, method: str = "DOP853", rtol: float = _R
     knots = [start, *inside, end]
     state = np.zeros(6)
     found = []
-    for begin, stop in zip(knots[:-1], knots[1:], strict=True):
+    for begin, stop in pairwise(knots):
         middle = 0.5 * (begin + stop)
         solution = solve_ivp(
             lambda t, x, m=middle: model.derivative(t, x, m),

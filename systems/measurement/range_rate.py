@@ -1,0 +1,93 @@
+"""Range rates at stations: one-way from a beacon, two-way by way of a transponder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.measurement.base import MeasurementModel, positive
+from systems.measurement.geometry import line_of_sight
+
+__all__ = ["RangeRate", "common_part"]
+
+Array = NDArray[np.float64]
+
+
+class RangeRate(MeasurementModel):
+    r"""Range rates at stations, all with the same unknown addition.
+
+    .. math:: z_i = u_i^T (v - v_i) + \delta, \qquad u_i = (p - p_i)/|p - p_i|
+
+    delta is the beacon's oscillator error (eq. (14) of Shang, Xing and Gan, Control Theory & Applications 29 (2012)
+    59) or, where the stations receive a transponder, the range rate from the uplink station: eq. (16) minus (17).
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation of one range rate [m/s].
+    stations : sequence of int
+        Platforms that receive.
+    bias : int, optional
+        Index of delta in the state; without it delta is taken to be zero.
+    """
+
+    def __init__(self, sigma: float, stations: Sequence[int], bias: int | None = None) -> None:
+        self.sigma = positive(sigma, "sigma_range_rate", "m/s")
+        self.stations = list(stations)
+        if not self.stations or len(set(self.stations)) < len(self.stations):
+            raise ValueError(f"stations: {self.stations} is not allowed; at least one, none of them twice")
+        if bias is not None and bias < 6:
+            raise ValueError(f"bias: index {bias} is not allowed; position and velocity are the first six states")
+        self.bias = bias
+        self.names = tuple(f"range_rate_{i}" for i in self.stations)
+        self.units = ("m/s",) * len(self.names)
+
+    def predict(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.predict`."""
+        rates = line_of_sight(target, platforms[..., self.stations, :]).range_rate
+        return rates if self.bias is None else rates + target[..., self.bias, None]
+
+    def jacobian(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.jacobian`."""
+        return self.linearize(target, platforms)[1]
+
+    def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
+        """See `MeasurementModel.linearize`."""
+        sight = line_of_sight(target, platforms[..., self.stations, :])
+        rates = sight.range_rate
+        jacobian = np.zeros((*rates.shape, target.shape[-1]))
+        jacobian[..., :3] = sight.range_rate_gradient
+        jacobian[..., 3:6] = sight.direction
+        if self.bias is None:
+            return rates, jacobian
+        jacobian[..., self.bias] = 1.0
+        return rates + target[..., self.bias, None], jacobian
+
+    def noise_covariance(self) -> Array:
+        """See `MeasurementModel.noise_covariance`."""
+        return self.sigma**2 * np.eye(self.size)
+
+    def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
+        """Each row needs its station."""
+        used = np.zeros((self.size, platforms), dtype=bool)
+        used[np.arange(self.size), self.stations] = True
+        return used
+
+
+def common_part(rates: Array, bias: Array, mode: Array, uplink: int) -> Array:
+    """Return what each station's measurement has beside its own downlink range rate [m/s], shape (..., p).
+
+    Parameters
+    ----------
+    rates : ndarray, shape (..., p)
+        Range rates to all stations [m/s].
+    bias : ndarray, shape (..., 1)
+        The beacon's oscillator error [m/s].
+    mode : ndarray, shape (..., p)
+        0: the station receives the beacon; 1: it receives the transponder.
+    uplink : int
+        Station whose signal the transponder returns.
+    """
+    return np.where(mode > 0.5, rates[..., uplink, None], bias)
