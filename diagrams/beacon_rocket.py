@@ -329,7 +329,7 @@ def _vehicle(scenario: Scenario) -> EnsembleBlock:
         return RocketPlant(rocket_model(scenario), scenario.stop_s, name="rocket")
     from diagrams.falcon9 import falcon9_plant
 
-    return falcon9_plant(scenario.vehicle, launch_site(scenario), scenario.start_s, scenario.stop_s)
+    return falcon9_plant(scenario.vehicle, launch_site(scenario), scenario.stop_s)
 
 
 def _limits(scenario: Scenario, plant: Any) -> tuple[Array, Array]:

@@ -181,7 +181,7 @@ class RocketModel:
     pressure_scale: float = 7000.0
     _pitch: PchipInterpolator = field(init=False, repr=False)
     _cutoffs: tuple[float, ...] = field(init=False, repr=False)
-    _rotation: Array = field(init=False, repr=False)
+    _turn: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -215,7 +215,8 @@ class RocketModel:
             raise ValueError("pitch program: increasing times with one angle each are needed, at least two")
         object.__setattr__(self, "_pitch", PchipInterpolator(times, angles, extrapolate=False))
         object.__setattr__(self, "_cutoffs", tuple(cutoffs))
-        object.__setattr__(self, "_rotation", self.site.rotation)
+        x, y, z = self.site.rotation
+        object.__setattr__(self, "_turn", np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]))
         first = self.stages[0]
         start = first.ignition
         lift = (first.thrust - self.sea_level_pressure * first.nozzle_area) / self.mass(start)
@@ -301,12 +302,12 @@ class RocketModel:
         drag_coefficient = 0.3 + 0.35 * math.exp(-(((speed / 300 - 1.1) / 0.35) ** 2))
         density = self.sea_level_density * math.exp(-h / self.density_scale)
         drag = 0.5 * density * speed * drag_coefficient * self.reference_area
-        w = self._rotation
+        turn = self._turn
         return (
             (thrust * self.direction(time) - drag * v) / mass
             - self.mu / distance**3 * d
-            - 2 * np.cross(w, v)
-            - np.cross(w, np.cross(w, d))
+            - 2 * (turn @ v)
+            - turn @ (turn @ d)
         )
 
     def derivative(self, time: float, state: Array, program_time: float | None = None) -> Array:
