@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from diagrams.errors import UserError
+from diagrams.replay import Recorded, data_folder
 from systems.motion.planar_flight import PlanarFlight, fit_planar_flight
 from systems.motion.rocket import LaunchSite
 from systems.plants.recorded_flight import RecordedFlight
@@ -56,8 +57,6 @@ def _read(path: Path) -> dict[str, Any]:
 
 def falcon9_plant(vehicle: Any, site: LaunchSite, stop: float) -> RecordedFlight:
     """Return the flight as a plant; the data folder comes from QUIETFIX_DATA."""
-    from diagrams.data import data_set
-
-    folder = data_set("falcon9_telemetry")
+    folder = data_folder(_DATASET, None)
     flight = falcon9_flight(folder, vehicle.flight, stop, vehicle.smoothing_s, vehicle.largest_gap_s, site.radius)
     return RecordedFlight(flight)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.measurement.base import MeasurementModel, positive
-from systems.measurement.geometry import line_of_sight
+from systems.measurement.geometry import LineOfSight, line_of_sight
 
 __all__ = ["RangeRate", "common_part"]
 
@@ -31,22 +31,33 @@ class RangeRate(MeasurementModel):
         Platforms that receive.
     bias : int, optional
         Index of delta in the state; without it delta is taken to be zero.
+    at_rest : bool
+        The target stands still in the axes of the platforms and has no velocity in its state (a station that listens to
+        satellites: the platforms then are the satellites).
     """
 
-    def __init__(self, sigma: float, stations: Sequence[int], bias: int | None = None) -> None:
+    def __init__(
+        self, sigma: float, stations: Sequence[int], bias: int | None = None, at_rest: bool = False
+    ) -> None:
         self.sigma = positive(sigma, "sigma_range_rate", "m/s")
         self.stations = list(stations)
         if not self.stations or len(set(self.stations)) < len(self.stations):
             raise ValueError(f"stations: {self.stations} is not allowed; at least one, none of them twice")
-        if bias is not None and bias < 6:
-            raise ValueError(f"bias: index {bias} is not allowed; position and velocity are the first six states")
-        self.bias = bias
+        first = 3 if at_rest else 6
+        if bias is not None and bias < first:
+            raise ValueError(f"bias: index {bias} is not allowed; the first {first} states are the target's own")
+        self.bias, self.at_rest = bias, at_rest
         self.names = tuple(f"range_rate_{i}" for i in self.stations)
         self.units = ("m/s",) * len(self.names)
 
+    def _sight(self, target: Array, platforms: Array) -> LineOfSight:
+        if self.at_rest:
+            target = np.concatenate([target[..., :3], np.zeros((*target.shape[:-1], 3))], axis=-1)
+        return line_of_sight(target, platforms[..., self.stations, :])
+
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""
-        rates = line_of_sight(target, platforms[..., self.stations, :]).range_rate
+        rates = self._sight(target, platforms).range_rate
         return rates if self.bias is None else rates + target[..., self.bias, None]
 
     def jacobian(self, target: Array, platforms: Array) -> Array:
@@ -55,11 +66,12 @@ class RangeRate(MeasurementModel):
 
     def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
         """See `MeasurementModel.linearize`."""
-        sight = line_of_sight(target, platforms[..., self.stations, :])
+        sight = self._sight(target, platforms)
         rates = sight.range_rate
         jacobian = np.zeros((*rates.shape, target.shape[-1]))
         jacobian[..., :3] = sight.range_rate_gradient
-        jacobian[..., 3:6] = sight.direction
+        if not self.at_rest:
+            jacobian[..., 3:6] = sight.direction
         if self.bias is None:
             return rates, jacobian
         jacobian[..., self.bias] = 1.0

@@ -20,8 +20,8 @@ class MotionModel(ABC):
     names, units : tuple of str
         Names and SI units of the state's components.
     linear : bool
-        True where `propagate` is ``transition @ state`` and the transition does not depend on the state;
-        an unscented filter then predicts in closed form.
+        True where `propagate` is ``transition @ state`` (plus the effect of an input that is held) and the transition
+        does not depend on the state; an unscented filter then predicts in closed form.
     input_size : int
         How many numbers per trial an estimator has to carry from step to step as an input of the motion (a mean
         acceleration, say); with 0 the three methods for it are never called.

@@ -112,8 +112,8 @@ def singer_noise(alpha: float, dt: float) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _matrices(alpha: float, dt: float, biases: int) -> tuple[Array, Array, Array]:
-    """Return transition (n, n), input (n, 3), and noise of a unit variance on each axis (3, n, n)."""
+def _matrices(alpha: float, dt: float, biases: int) -> tuple[Array, Array, Array, Array]:
+    """Return transition (n, n), input (n, 3), noise of a unit variance on each axis (3, n, n), constant acceleration."""
     n = 9 + biases
     transition = np.eye(n)
     transition[:9, :9] = np.kron(singer_transition(alpha, dt), np.eye(3))
@@ -123,9 +123,11 @@ def _matrices(alpha: float, dt: float, biases: int) -> tuple[Array, Array, Array
     q = 2 * alpha * singer_noise(alpha, dt)
     for axis in range(3):
         noise[axis, axis:9:3, axis:9:3] = q
-    for array in (transition, entering, noise):
+    free = np.eye(n)
+    free[:9, :9] = np.kron([[1.0, dt, dt**2 / 2], [0.0, 1.0, dt], [0.0, 0.0, 1.0]], np.eye(3))
+    for array in (transition, entering, noise, free):
         array.setflags(write=False)
-    return transition, entering, noise
+    return transition, entering, noise, free
 
 
 class CurrentStatistical(MotionModel):
@@ -155,7 +157,7 @@ class CurrentStatistical(MotionModel):
         Mean acceleration: the estimate of the acceleration, or equation (9) of the paper,
         :math:`\bar a_{k+1} = e^{-\alpha T}\hat a_k + (1 - e^{-\alpha T})\bar a_k`.
     mean : array_like, shape (..., 3), optional
-        The mean acceleration, an input; by default it is read off the state.
+        The mean acceleration as an input that is held (`driven`). By default it is read off the state.
 
     Raises
     ------
@@ -164,8 +166,10 @@ class CurrentStatistical(MotionModel):
 
     Notes
     -----
-    The mean acceleration is an *input*: `transition` is the derivative of `propagate` with the input held, also
-    where the input was read off the state.
+    An estimator holds the mean acceleration as a known input, as the paper does: it carries the input from step to step
+    (`next_input`) and predicts with `driven`, whose transition is :math:`\Phi`. The model by itself reads the mean off
+    the state, which makes the motion one of constant acceleration and `transition` that of it: what a plant and a bound
+    need, for which nobody holds an input.
     """
 
     linear = True
@@ -202,7 +206,7 @@ class CurrentStatistical(MotionModel):
         biases = ("bias",) if len(self.bias_densities) == 1 else tuple(f"bias_{i}" for i in range(self.biases))
         self.names = ("x", "y", "z", "vx", "vy", "vz", "ax", "ay", "az", *biases)
         self.units = ("m",) * 3 + ("m/s",) * 3 + ("m/s^2",) * 3 + ("m/s",) * self.biases
-        self.input_size = 0 if rule == "estimate" else 3
+        self.input_size = 3
         self._bias_noise = np.diag([0.0] * 9 + list(self.bias_densities))
 
     @property
@@ -210,14 +214,16 @@ class CurrentStatistical(MotionModel):
         """Number of bias states."""
         return len(self.bias_densities)
 
-    # ---- the input of rule (9)
+    # ---- the input
 
     def initial_input(self, state: Array) -> Array:
         """Return the mean acceleration to begin with, shape (..., 3)."""
         return state[..., 6:9].copy()
 
     def next_input(self, state: Array, previous: Array, dt: float) -> Array:
-        """Return the mean acceleration of the step that begins at `state`, shape (..., 3): equation (9)."""
+        """Return the mean acceleration of the step that begins at `state`, shape (..., 3)."""
+        if self.rule == "estimate":
+            return state[..., 6:9].copy()
         keep = math.exp(-self.alpha * dt)
         return keep * state[..., 6:9] + (1 - keep) * previous
 
@@ -239,16 +245,18 @@ class CurrentStatistical(MotionModel):
 
     def propagate(self, state: Array, dt: float) -> Array:
         """See `MotionModel.propagate`."""
-        transition, entering, _ = _matrices(self.alpha, float(dt), self.biases)
-        moved = np.einsum("ij,...j->...i", transition, state)
-        return moved + np.einsum("ij,...j->...i", entering, self._mean(state))
+        moved = np.einsum("ij,...j->...i", self.transition(state, dt), state)
+        if self.mean is None:
+            return moved
+        return moved + np.einsum("ij,...j->...i", _matrices(self.alpha, float(dt), self.biases)[1], self.mean)
 
     def transition(self, state: Array, dt: float) -> Array:
         """See `MotionModel.transition`; shape (n, n)."""
-        return _matrices(self.alpha, float(dt), self.biases)[0]
+        held, _, _, free = _matrices(self.alpha, float(dt), self.biases)
+        return free if self.mean is None else held
 
     def process_noise(self, state: Array, dt: float) -> Array:
         """See `MotionModel.process_noise`; shape (..., n, n)."""
-        unit = _matrices(self.alpha, float(dt), self.biases)[2]
+        _, _, unit, _ = _matrices(self.alpha, float(dt), self.biases)
         spread = np.einsum("...a,aij->...ij", self.variance(self._mean(state)), unit)
         return spread + dt * self._bias_noise
