@@ -253,9 +253,11 @@ def launch_site(scenario: Scenario) -> LaunchSite:
     """Return the launch frame."""
     site, constants = scenario.site, scenario.constants
     return LaunchSite(
-        *(math.radians(angle) for angle in (site.latitude_deg, site.longitude_deg, site.azimuth_deg)),
-        radius=constants.earth_radius_m,
-        earth_rate=constants.earth_rate_radps,
+        math.radians(site.latitude_deg),
+        math.radians(site.longitude_deg),
+        math.radians(site.azimuth_deg),
+        constants.earth_radius_m,
+        constants.earth_rate_radps,
     )
 
 
@@ -488,9 +490,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         block = builder.AddSystem(options.make(name, model, motion, start, wiring))
         builder.Connect(measured, block.GetInputPort("measurement"))
         builder.Connect(platforms, block.GetInputPort("platforms"))
-        builder.Connect(
-            prior.GetOutputPort(f"initial_estimate_{motion.size}"), block.GetInputPort("initial_estimate")
-        )
+        builder.Connect(prior.GetOutputPort(f"initial_estimate_{motion.size}"), block.GetInputPort("initial_estimate"))
         blocks[name] = block
 
     def start_covariance(name: str, target: Array, carriers: Array) -> Array:

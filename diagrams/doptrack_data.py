@@ -97,9 +97,7 @@ def teme_to_earth_fixed(position: Array, velocity: Array, julian: Array) -> Arra
     0.2 s: 100 m at the satellite) and the pole is at the pole (15 m).
     """
     century = (julian - _J2000) / 36525.0
-    seconds = (
-        67310.54841 + (876600 * 3600 + 8640184.812866) * century + 0.093104 * century**2 - 6.2e-6 * century**3
-    )
+    seconds = 67310.54841 + (876600 * 3600 + 8640184.812866) * century + 0.093104 * century**2 - 6.2e-6 * century**3
     angle = 2 * np.pi * (np.mod(seconds, _DAY) / _DAY)
     c, s = np.cos(angle), np.sin(angle)
     x = c * position[..., 0] + s * position[..., 1]
@@ -123,9 +121,9 @@ def satellite_states(line1: str, line2: str, julian: float, seconds: Array) -> A
         raise UserError("replay doptrack: the package sgp4 is needed; pip install sgp4") from error
     satellite = Satrec.twoline2rv(line1, line2)
     fraction = seconds / _DAY
-    error, position, velocity = satellite.sgp4_array(np.full(seconds.size, julian), fraction)
-    if np.any(error):
-        raise UserError(f"two-line elements: SGP4 error {int(error.max())} for {line1[:24]!r}")
+    code, position, velocity = satellite.sgp4_array(np.full(seconds.size, julian), fraction)
+    if np.any(code):
+        raise UserError(f"two-line elements: SGP4 error {int(code.max())} for {line1[:24]!r}")
     return teme_to_earth_fixed(1e3 * position, 1e3 * velocity, julian + fraction)
 
 
@@ -153,7 +151,9 @@ def _read(file: Path) -> Pass:
         elements = about["satellite"]["tle"]
         elevation = float(about["prediction"]["max_elevation"])
         altitude = float(place["altitude"])
-        station = geodetic_to_ecef(np.radians(float(place["latitude"])), np.radians(float(place["longitude"])), altitude)
+        station = geodetic_to_ecef(
+            np.radians(float(place["latitude"])), np.radians(float(place["longitude"])), altitude
+        )
         lines = str(elements["line1"]), str(elements["line2"])
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise UserError(f"data: {file} cannot be read ({' '.join(str(error).split())})") from error

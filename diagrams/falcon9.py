@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from diagrams.errors import UserError
-from diagrams.replay import Recorded, data_folder
+from diagrams.replay import data_folder
 from systems.motion.planar_flight import PlanarFlight, fit_planar_flight
 from systems.motion.rocket import LaunchSite
 from systems.plants.recorded_flight import RecordedFlight
@@ -19,6 +20,14 @@ __all__ = ["falcon9_flight", "falcon9_plant"]
 
 _TAIL = 5.0  # s of record beyond the end of tracking, so that the last knots are supported
 _EVENT_ERROR = 3.0  # s; the list of events gives whole seconds and the webcast's clock lags
+
+
+@dataclass(frozen=True)
+class _Telemetry:
+    """Where the record lies; see `diagrams.replay.Kept`."""
+
+    folder: str = "falcon9_telemetry"
+    source: str = "github.com/shahar603/Telemetry-Data at b245d3b"
 
 
 @lru_cache(maxsize=4)
@@ -57,6 +66,6 @@ def _read(path: Path) -> dict[str, Any]:
 
 def falcon9_plant(vehicle: Any, site: LaunchSite, stop: float) -> RecordedFlight:
     """Return the flight as a plant; the data folder comes from QUIETFIX_DATA."""
-    folder = data_folder(_DATASET, None)
+    folder = data_folder(_Telemetry(), None)
     flight = falcon9_flight(folder, vehicle.flight, stop, vehicle.smoothing_s, vehicle.largest_gap_s, site.radius)
     return RecordedFlight(flight)

@@ -36,9 +36,7 @@ class RangeRate(MeasurementModel):
         satellites: the platforms then are the satellites).
     """
 
-    def __init__(
-        self, sigma: float, stations: Sequence[int], bias: int | None = None, at_rest: bool = False
-    ) -> None:
+    def __init__(self, sigma: float, stations: Sequence[int], bias: int | None = None, at_rest: bool = False) -> None:
         self.sigma = positive(sigma, "sigma_range_rate", "m/s")
         self.stations = list(stations)
         if not self.stations or len(set(self.stations)) < len(self.stations):

@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 class PassOscillator(MotionModel):
     r"""Position x, y, z that is constant, and a bias with its time derivatives.
 
-    Within a pass the bias is a polynomial, :math:`b(t) = \sum_k b_k t^k/k!`, and its derivatives are states too. After a
-    pause longer than `pause` bias and derivatives are unknown again: mean zero, variances those of the start.
+    Within a pass the bias is a polynomial, :math:`b(t) = \sum_k b_k t^k/k!`, and its derivatives are states too. After
+    a pause longer than `pause` bias and derivatives are unknown again: mean zero, variances those of the start.
 
     Parameters
     ----------

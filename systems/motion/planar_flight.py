@@ -74,7 +74,9 @@ def check_record(times: ArrayLike, speed: ArrayLike, altitude: ArrayLike, larges
         raise ValueError("telemetry: all numbers must be finite")
     steps = np.diff(t)
     if np.any(steps <= 0):
-        raise ValueError(f"telemetry: times must increase strictly, but {t[np.argmax(steps <= 0)]:g} s is followed by less")
+        raise ValueError(
+            f"telemetry: times must increase strictly, but {t[np.argmax(steps <= 0)]:g} s is followed by less"
+        )
     if steps.max() > largest_gap:
         at = int(np.argmax(steps))
         raise ValueError(

@@ -111,9 +111,7 @@ class BeaconStations(EnsembleBlock):
         draw = self.draw(context)
         exact = rates + added
         if self._sigma_residual:
-            white = normal(
-                draw.seed, f"{self.get_name()}:residual", draw.first_trial, self.trials, 0, self._platforms
-            )
+            white = normal(draw.seed, f"{self.get_name()}:residual", draw.first_trial, self.trials, 0, self._platforms)
             exact = exact + np.where(beacon, self._sigma_residual * white, 0.0)
         if self._mask is not None:
             seen = self._mask.visible(*self._geometry(context))
