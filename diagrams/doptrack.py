@@ -271,8 +271,8 @@ class DoptrackReplay:
         s = self.settings.selection
         return [
             f"passes with a predicted elevation >= {s.elevation_deg:g} deg, {s.span_s:g} s and {s.samples} samples or "
-            f"more; start {self.settings.offset_km:g} km off; residual: 1.4826 times the median absolute one, after the "
-            "best oscillator of each pass"
+            f"more; start {self.settings.offset_km:g} km off; residual: 1.4826 times the median absolute one, after "
+            "the best oscillator of each pass"
         ]
 
     def summary(self) -> dict[str, Any]:

@@ -28,7 +28,7 @@ _DAY = 86400.0
 
 @dataclass(frozen=True, eq=False)
 class Pass:
-    """One pass.
+    r"""One pass.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Pass:
     times : ndarray, shape (samples,)
         Seconds after the epoch.
     range_rate : ndarray, shape (samples,)
-        :math:`c\\,(1 - f/f_0)` with the nominal carrier [m/s]: range rate plus the oscillator's error.
+        :math:`c\,(1 - f/f_0)` with the nominal carrier [m/s]: range rate plus the oscillator's error.
     satellite : ndarray, shape (samples, 6)
         Earth-fixed state of the satellite [m, m/s] by SGP4 from the pass's own elements.
     predicted_elevation : float
@@ -93,8 +93,8 @@ class Selection:
 def teme_to_earth_fixed(position: Array, velocity: Array, julian: Array) -> Array:
     """Return Earth-fixed states (..., 6) of TEME positions [m] and velocities [m/s], (..., 3).
 
-    Turned by Greenwich mean sidereal time (IAU 1982, the one that belongs to TEME); UTC stands for UT1 (up to 0.9 s, here
-    0.2 s: 100 m at the satellite) and the pole is at the pole (15 m).
+    Turned by Greenwich mean sidereal time (IAU 1982, the one that belongs to TEME); UTC stands for UT1 (up to 0.9 s,
+    here 0.2 s: 100 m at the satellite) and the pole is at the pole (15 m).
     """
     century = (julian - _J2000) / 36525.0
     seconds = 67310.54841 + (876600 * 3600 + 8640184.812866) * century + 0.093104 * century**2 - 6.2e-6 * century**3

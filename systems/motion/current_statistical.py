@@ -113,7 +113,7 @@ def singer_noise(alpha: float, dt: float) -> Array:
 
 @lru_cache(maxsize=64)
 def _matrices(alpha: float, dt: float, biases: int) -> tuple[Array, Array, Array, Array]:
-    """Return transition, input (n, 3), noise of a unit variance on each axis (3, n, n), constant acceleration (n, n)."""
+    """Return transition, input (n, 3), noise of a unit variance per axis (3, n, n), constant acceleration (n, n)."""
     n = 9 + biases
     transition = np.eye(n)
     transition[:9, :9] = np.kron(singer_transition(alpha, dt), np.eye(3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,8 +65,11 @@ class OffsetPrior(EnsembleBlock):
         tickets = {self.time_ticket(), self.input_ticket("truth"), draw}
         for size in dict.fromkeys(sizes):
             self.declare_output(
-                f"initial_estimate_{size}", trials, size, lambda c, size=size: self._prior(c)[:, :size], tickets
+                f"initial_estimate_{size}", trials, size, partial(self._first, size), tickets
             )
+
+    def _first(self, size: int, context: Context) -> Array:
+        return self._prior(context)[:, :size]
 
     def _prior(self, context: Context) -> Array:
         if context.get_time() < self._time:
