@@ -507,7 +507,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         divergence=scenario.divergence_m,
         start_covariance=start_covariance,
         truth_motion=None,
-        start_uses_measurement=True,
+        start_uses_measurement=False,
         signals={"mode": mode.GetOutputPort("mode"), "stage": vehicle.GetOutputPort("stage")},
         frame="launch",
     )

@@ -137,9 +137,7 @@ def test_prior_begins_when_it_is_given():
         OffsetPrior([50.0] * 3 + [1.0] * 3 + [0.0] * 4, [True] * 9 + [False], (10, 9), 2.0, 600, random_signs=True)
     )
     builder.Connect(truth.GetOutputPort("state"), prior.GetInputPort("truth"))
-    recorder = record(
-        builder, {str(n): prior.GetOutputPort(f"initial_estimate_{n}") for n in (10, 9)}, Periodic(1.0)
-    )
+    recorder = record(builder, {str(n): prior.GetOutputPort(f"initial_estimate_{n}") for n in (10, 9)}, Periodic(1.0))
     simulator = Simulator(builder.Build())
     simulator.Initialize()
     simulator.AdvanceTo(3.0)

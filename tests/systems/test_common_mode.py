@@ -77,7 +77,7 @@ def test_without_a_jump_it_is_the_filter_itself(scene):
 
 
 def test_after_a_switch_position_and_velocity_are_as_without_it(scene):
-    """The bias is given up, the other states keep what they know: as from an unknown bias, with and without the jump."""
+    """The bias is given up, the other states keep what they know."""
     z = scene[4].copy()
     z[2] += 2500.0
     watched = update(CommonModeMonitor(state=9), scene, z)

@@ -105,9 +105,7 @@ def test_both_rules_of_the_mean():
     np.testing.assert_array_equal(plain.next_input(state, previous, 0.1), state[:, 6:9])
     filtered = CurrentStatistical(0.5, *LIMITS, bias_densities=[1.0], rule="filtered")
     keep = np.exp(-0.05)
-    np.testing.assert_allclose(
-        filtered.next_input(state, previous, 0.1), keep * state[:, 6:9] + (1 - keep), rtol=1e-15
-    )
+    np.testing.assert_allclose(filtered.next_input(state, previous, 0.1), keep * state[:, 6:9] + (1 - keep), rtol=1e-15)
     held = filtered.driven(previous)
     expected = singer_transition(0.5, 0.1)[2, 2] * state[:, 6:9] + singer_input(0.5, 0.1)[2]
     np.testing.assert_allclose(held.propagate(state, 0.1)[:, 6:9], expected, rtol=1e-14)

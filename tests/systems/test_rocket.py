@@ -1,6 +1,7 @@
 """The rocket: printed states of an independent prototype, an independent integration, its events."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -76,9 +77,7 @@ def test_an_independent_integration_agrees(method, model, plant):
         h, speed = r - site.radius, np.linalg.norm(v)
         i = model.stage(middle)
         stage = model.stages[i]
-        thrust = model.throttle(t, middle) * (
-            stage.thrust - 101325 * math.exp(-h / 7000) * stage.nozzle_area
-        )
+        thrust = model.throttle(t, middle) * (stage.thrust - 101325 * math.exp(-h / 7000) * stage.nozzle_area)
         cd = 0.3 + 0.35 * math.exp(-(((speed / 300 - 1.1) / 0.35) ** 2))
         drag = 0.5 * 1.225 * math.exp(-h / 7200) * speed * cd * 8.8
         force = (thrust * model.direction(t) - drag * v) / model.mass(t, middle)
@@ -87,10 +86,8 @@ def test_an_independent_integration_agrees(method, model, plant):
     start = np.array([0.0, site.radius, 0.0])
     x = np.concatenate([start, np.cross(omega, start)])
     knots = [0.0, *(t for t in model.events() if 0 < t < 300), 300.0]
-    for a, b in zip(knots[:-1], knots[1:], strict=True):
-        x = solve_ivp(
-            motion, (a, b), x, method=method, rtol=1e-9, atol=1e-4, args=(0.5 * (a + b),)
-        ).y[:, -1]
+    for a, b in pairwise(knots):
+        x = solve_ivp(motion, (a, b), x, method=method, rtol=1e-9, atol=1e-4, args=(0.5 * (a + b),)).y[:, -1]
     position = turn(x[:3], -spin * 300.0) - [0.0, site.radius, 0.0]
     velocity = turn(x[3:] - np.cross(omega, x[:3]), -spin * 300.0)
     state = plant.at(300.0)[0]
@@ -125,7 +122,8 @@ def test_the_sample_grid_changes_nothing(model):
         simulator.Initialize()
         simulator.AdvanceTo(210.0)
         times, log = recorder.result(simulator.get_context())
-        seen[period] = {round(t, 6): (s, g) for t, s, g in zip(times, log["state"][:, 0], log["stage"][:, 0, 0])}
+        rows = zip(times, log["state"][:, 0], log["stage"][:, 0, 0], strict=True)
+        seen[period] = {round(t, 6): (s, g) for t, s, g in rows}
     for time, (state, stage) in seen[7.0].items():
         np.testing.assert_allclose(seen[0.05][time][0], state, rtol=0, atol=1e-6)  # the clocks' ticks differ by ulps
         assert seen[0.05][time][1] == stage == (time >= 151.0)
