@@ -2,7 +2,8 @@
 
 Shang, Xing and Gan, *Real-time processing of tracking data of maneuvering target in beacon-mode*, Control Theory &
 Applications 29 (2012) 59. Everything is in the launch frame: Earth-fixed axes at the launch site of a spherical Earth,
-X down-range, Y up. State of truth and estimates: position, velocity, acceleration, bias (the paper interleaves the axes).
+X down-range, Y up. State of truth and estimates: position, velocity, acceleration, bias (the paper interleaves the
+axes).
 """
 
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
