@@ -57,7 +57,7 @@ def figures(dataset, name="ukf"):
 @cache
 def study(variant="", trials=50, estimators=("ukf",), settings=(), seed=0):
     system = f"beacon_rocket:{variant}" if variant else "beacon_rocket"
-    return run_study(system, trials=trials, estimators=list(estimators), set=list(settings), seed=seed)
+    return run_study(system, trials=trials, estimators=list(estimators), set=list(settings), seed=seed, chunk=50)
 
 
 SHORT = ("stop_s=130",)
