@@ -48,9 +48,13 @@ def flight(stop=300.0, start=50.0):
 
 
 def layout(rng, count):
-    """Return a random layout of stations on both sides of the ground track, shape (count, 6)."""
+    """Return a random layout of stations on both sides of the ground track, shape (count, 6).
+
+    At least 50 km off it: with stations as near as 20 km one layout of twenty has a standard deviation of 10 m in z, as
+    the track then runs nearly through all of them.
+    """
     down = np.linspace(-30e3, 1000e3, count) + rng.uniform(-40e3, 40e3, count)
-    cross = rng.uniform(20e3, 150e3, count) * np.where(np.arange(count) % 2, -1.0, 1.0)
+    cross = rng.uniform(50e3, 150e3, count) * np.where(np.arange(count) % 2, -1.0, 1.0)
     site = launch_site(load_scenario("beacon_rocket"))
     return np.concatenate([site.from_track(down, cross, rng.uniform(200.0, 1200.0, count)), np.zeros((count, 3))], -1)
 

@@ -60,7 +60,7 @@ def study(variant="", trials=50, estimators=("ukf",), settings=(), seed=0):
     return run_study(system, trials=trials, estimators=list(estimators), set=list(settings), seed=seed, chunk=50)
 
 
-SHORT = ("stop_s=130",)
+SHORT = ("stop_s=115",)
 
 
 # ------------------------------------------------------------------------------------------------- fast
@@ -73,28 +73,28 @@ def test_variants_are_there():
 
 
 def test_a_short_run_settles_and_both_filters_agree():
-    """From 100 to 130 s; with 50 trials of the whole flight the position is good to 0.9-1.9 m (slow suite)."""
-    data = study(trials=4, estimators=("ukf", "iekf"), settings=SHORT)
+    """From 100 to 115 s; with 50 trials of the whole flight the position is good to 0.9-1.9 m (slow suite)."""
+    data = study(trials=3, estimators=("ukf", "iekf"), settings=SHORT)
     assert data.sizes["state"] == 10 and data.attrs["frame"] == "launch"
     for name in ("ukf", "iekf"):
-        assert 0.8 < figures(data, name)["rms"] < 4.5
+        assert 0.8 < figures(data, name)["rms"] < 6.0
     assert np.abs(error(data, "ukf") - error(data, "iekf"))[:, -200:, :3].max() < 0.05
     summary = summarise(data)["ukf"]
     assert summary["rmse_bias_mps"][-1] < 0.5 and summary["rmse_height_m"][-1] is None
     assert summary["bound_position_m"][-1] == pytest.approx(summary["rmse_position_m"][-1], rel=0.6)
     assert summary["bound_truth_position_m"][-1] is None
     time = data["time"].values
-    assert time[0] == 50.0 and time[-1] == 130.0 and time.size == 1601
+    assert time[0] == 50.0 and time[-1] == 115.0 and time.size == 1301
     # 50 m on every axis before the first measurement, which one epoch cannot do much about
     assert 60.0 < np.linalg.norm(error(data)[:, 0, :3], axis=-1).mean() < 86.7
 
 
 def test_states_of_different_size_stand_side_by_side():
-    data = study("experiment_1", trials=2, estimators=("ukf", "ukf_unaugmented"), settings=("stop_s=110",))
+    data = study("experiment_1", trials=2, estimators=("ukf", "ukf_unaugmented"), settings=("stop_s=90",))
     one, two = error(data, "ukf"), error(data, "ukf_unaugmented")
     assert np.isnan(two[..., 9]).all() and np.isfinite(one).all() and np.isfinite(two[..., :9]).all()
     late = slice(-200, None)
-    assert np.abs(two[:, late, :3]).max() > 100.0 > 10.0 > np.abs(one[:, late, :3]).max()
+    assert np.abs(two[:, late, :3]).max() > 100.0 > 20.0 > np.abs(one[:, late, :3]).max()
     assert np.isfinite(data["nees"].sel(estimator="ukf_unaugmented").values[:, 1:]).all()
     alone = study("experiment_1", trials=1, estimators=("ukf_unaugmented",), settings=("stop_s=55",))
     assert alone.sizes["state"] == 9
@@ -111,9 +111,19 @@ def test_the_diagram_is_the_plain_loop():
     np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-6)
 
 
+def test_the_ground_is_drawn_in_the_launch_frame():
+    from diagrams.figures.ground import draw_ground
+
+    data = study("experiment_1", trials=2, estimators=("ukf", "ukf_unaugmented"), settings=("stop_s=90",))
+    left, right = draw_ground(data).axes[:2]
+    assert left.get_xlabel() == "down-range X [km]" and right.get_ylabel() == "Z [m]"
+    reach = np.concatenate([line.get_xdata() for line in left.lines])
+    assert reach.max() == pytest.approx(1000.0, rel=0.02)  # the farthest station, not a longitude
+
+
 def test_both_rules_of_the_mean_acceleration_give_the_same():
-    a = study(trials=2, settings=("stop_s=80",))
-    b = study(trials=2, settings=("stop_s=80", "belief.mean_acceleration=filtered"))
+    a = study(trials=2, settings=("stop_s=60",))
+    b = study(trials=2, settings=("stop_s=60", "belief.mean_acceleration=filtered"))
     # at alpha T = 5e-4 the input enters the position by 1e-8 m per m/s^2 and step
     assert np.abs(error(a) - error(b))[..., :3].max() < 0.05
     assert np.abs(error(a) - error(b)).max() > 0.0
@@ -267,7 +277,7 @@ def test_experiment_1_is_worse_by_two_orders_of_magnitude():
 
 
 @slow
-@pytest.mark.parametrize("alpha", [1e-3, 0.1, 1.0])
+@pytest.mark.parametrize("alpha", [1e-3, 1.0])
 def test_alpha_matters_little(alpha):
     """Alpha enters through the jerk alone; the position does not notice."""
     ten = figures(study(trials=10))["rms"]
@@ -308,9 +318,9 @@ def test_any_common_bias_gives_the_projected_filter_all_the_flight():
 
 @slow
 def test_mode_switch_does_no_harm():
-    base = error(study(trials=20))
-    time = study(trials=20)["time"].values
-    switched = study("mode_switch", trials=20, estimators=("ukf", "ukf_monitored"))
+    base = error(study(trials=10))
+    time = study(trials=10)["time"].values
+    switched = study("mode_switch", trials=10, estimators=("ukf", "ukf_monitored"))
     for name in ("ukf", "ukf_monitored"):
         got = error(switched, name)
         excess = np.linalg.norm(got[..., :3], axis=-1) - np.linalg.norm(base[..., :3], axis=-1)
@@ -327,9 +337,9 @@ def test_mode_switch_does_no_harm():
 
 @slow
 def test_an_asynchronous_switch_needs_the_gate():
-    base = error(study(trials=20))
-    time = study(trials=20)["time"].values
-    switched = study("asynchronous_switch", trials=20, estimators=("ukf", "ukf_monitored"))
+    base = error(study(trials=10))
+    time = study(trials=10)["time"].values
+    switched = study("asynchronous_switch", trials=10, estimators=("ukf", "ukf_monitored"))
     excess = {
         name: (np.linalg.norm(error(switched, name)[..., :3], axis=-1) - np.linalg.norm(base[..., :3], axis=-1))[
             :, time >= 100.0
