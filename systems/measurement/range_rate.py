@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.measurement.base import MeasurementModel, positive
-from systems.measurement.geometry import LineOfSight, line_of_sight
 
 __all__ = ["RangeRate", "common_part"]
 
@@ -48,14 +47,25 @@ class RangeRate(MeasurementModel):
         self.names = tuple(f"range_rate_{i}" for i in self.stations)
         self.units = ("m/s",) * len(self.names)
 
-    def _sight(self, target: Array, platforms: Array) -> LineOfSight:
+    def _geometry(self, target: Array, platforms: Array) -> tuple[list[Array], list[Array], Array, Array]:
+        """Return offset and velocity axis by axis, distance, range rate; each (..., rows).
+
+        Axis by axis and not as vectors: an unscented filter spends most of its time here, and three sums over whole
+        arrays take a third of the time of a sum over a last axis of three.
+        """
+        used = platforms[..., self.stations, :]
+        offset = [target[..., None, k] - used[..., k] for k in range(3)]
         if self.at_rest:
-            target = np.concatenate([target[..., :3], np.zeros((*target.shape[:-1], 3))], axis=-1)
-        return line_of_sight(target, platforms[..., self.stations, :])
+            velocity = [-used[..., 3 + k] for k in range(3)]
+        else:
+            velocity = [target[..., None, 3 + k] - used[..., 3 + k] for k in range(3)]
+        (x, y, z), (vx, vy, vz) = offset, velocity
+        distance = np.sqrt(x * x + y * y + z * z)
+        return offset, velocity, distance, (x * vx + y * vy + z * vz) / distance
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""
-        rates = self._sight(target, platforms).range_rate
+        rates = self._geometry(target, platforms)[3]
         return rates if self.bias is None else rates + target[..., self.bias, None]
 
     def jacobian(self, target: Array, platforms: Array) -> Array:
@@ -64,12 +74,13 @@ class RangeRate(MeasurementModel):
 
     def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
         """See `MeasurementModel.linearize`."""
-        sight = self._sight(target, platforms)
-        rates = sight.range_rate
+        offset, velocity, distance, rates = self._geometry(target, platforms)
         jacobian = np.zeros((*rates.shape, target.shape[-1]))
-        jacobian[..., :3] = sight.range_rate_gradient
-        if not self.at_rest:
-            jacobian[..., 3:6] = sight.direction
+        for k in range(3):
+            along = offset[k] / distance
+            jacobian[..., k] = (velocity[k] - rates * along) / distance
+            if not self.at_rest:
+                jacobian[..., 3 + k] = along
         if self.bias is None:
             return rates, jacobian
         jacobian[..., self.bias] = 1.0
