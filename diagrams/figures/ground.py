@@ -93,8 +93,8 @@ def _draw_tracks(axes: Any, target: Array, dataset: xr.Dataset) -> None:
 
 def _draw_plane(left: Any, right: Any, dataset: xr.Dataset, plane: tuple[tuple[int, str], tuple[int, str]]) -> None:
     (i, across), (j, up) = plane
-    truth = dataset["truth"]
-    truth = truth.transpose("trial", "time", "state").values if "trial" in truth.dims else truth.values[None]
+    known = dataset["truth"]
+    truth = known.transpose("trial", "time", "state").values if "trial" in known.dims else known.values[None]
     if "platforms" in dataset:
         carriers = dataset["platforms"].values
         carriers = (carriers if carriers.ndim == 3 else carriers[0]) / 1e3
