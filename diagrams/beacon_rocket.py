@@ -38,7 +38,7 @@ from systems.plants.oscillator import BiasLaw, OscillatorBias
 from systems.plants.rocket import Rocket as RocketPlant
 from systems.registry import estimator_options
 from systems.sensors.beacon import BeaconStations
-from systems.sensors.prior import OffsetPrior
+from systems.sensors.offset_prior import OffsetPrior
 from systems.signals import Constant, EnsembleBlock
 
 __all__ = ["SYSTEM", "Scenario", "launch_site", "rocket_model", "station_positions"]

@@ -100,6 +100,7 @@ def bound_steps(
     if start.shape[-1] != motion.size:
         raise ValueError(f"the start has {start.shape[-1]} states, the motion model {motion.size}")
 
+    varies = type(model).noise_covariance_at is not MeasurementModel.noise_covariance_at
     whitener = Whitener(model.noise_covariance())
     covariance, lost = _without_lost(np.broadcast_to(start, (trials, *start.shape[1:])), np.zeros(trials, dtype=bool))
     # A square root is carried from epoch to epoch: a prior of nearly rank one then loses no digits, and stays
@@ -115,6 +116,8 @@ def bound_steps(
                 root = cholesky(covariance)
         if k > 0 or not first_epoch_used:
             seen = None if present is None else present[:, k]
+            if varies:
+                whitener = Whitener(model.noise_covariance_at(truth[:, k], platforms[:, k]))
             root = Gains(root, _whitened_rows(root, truth[:, k], platforms[:, k], model, whitener, seen)).root()
         yield np.where(lost[:, None, None], np.nan, root @ np.swapaxes(root, -1, -2))
 
@@ -297,20 +300,20 @@ class StudyBounds:
         if motion is None or not estimator.motion.size == motion.size == n:
             return np.full((len(QUANTITIES), self.times.size, 1), np.nan)
         start = self.wired.start_covariance(name, truth[:, 0], platforms[:, 0])
-        key = (estimator.model, motion, start)
+        model = estimator.bound_model
+        key = (model, motion, start)
         for known, squares in done:
             if _alike(key, known):
                 return squares
         seen = None
         if present is not None:
             stream = list(estimator.wiring.stream)
-            seen = present[..., [stream.index(row) for row in estimator.model.names]]
-        steps = bound_steps(
-            truth, platforms, self.times, estimator.model, motion, start, self.wired.start_uses_measurement, seen
-        )
+            if set(model.names) <= set(stream) and present.shape[-1] == len(stream):
+                seen = present[..., [stream.index(row) for row in model.names]]
+            else:  # rows that are made of all that is measured
+                seen = np.repeat(present.all(axis=-1, keepdims=True), model.size, axis=-1)
+        steps = bound_steps(truth, platforms, self.times, model, motion, start, self.wired.start_uses_measurement, seen)
         squares = np.stack([bound_squares(p, truth[:, k]) for k, p in enumerate(steps)], axis=1)
-        if self.wired.frame != "earth_fixed":  # the others refer to the ellipsoid
-            squares[[i for i, what in enumerate(QUANTITIES) if what not in ("position", "velocity")]] = np.nan
         done.append((key, squares))
         return squares
 
@@ -323,7 +326,8 @@ class StudyBounds:
         names = list(self.wired.estimators)
         for kind in ("bound", "bound_truth"):
             curves = [self._sums[name, kind].curves() for name in names]
-            for what in QUANTITIES:
+            # the others refer to the ellipsoid
+            for what in QUANTITIES if self.wired.frame == "earth_fixed" else ("position", "velocity"):
                 found[f"{kind}_{what}"] = (("estimator", "time"), np.stack([curve[what] for curve in curves]))
         return found
 

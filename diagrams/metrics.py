@@ -395,9 +395,13 @@ def _summarise_one(dataset: xr.Dataset) -> dict[str, Any]:
     for name in BOUNDS:
         values = dataset[name].values[0] if name in dataset else np.full(time.size, np.nan)
         summary[f"{name}_{_UNITS[name.rpartition('_')[2]]}"] = _plain(values)
+    name = str(dataset["estimator"].values[0])
+    summary["causal"] = name not in dataset.attrs.get("looks_ahead", "").split(",")
     summary["diverged"] = int(_diverged(error["position"], _limit(dataset, None)).sum())
     summary["armse_position_m"] = _plain(armse(curves["position"]))
-    summary["convergence_time_s"] = _plain(convergence_time(time, curves["position"]))
+    summary["convergence_time_s"] = _plain(
+        convergence_time(time, curves["position"], dataset.attrs.get("convergence_m"))
+    )
     return summary
 
 

@@ -104,7 +104,7 @@ def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
         table.add_column(escape(title), justify="right")
     for name, row in estimators.items():
         table.add_row(
-            name,
+            name if row.get("causal", True) else f"{name} (not causal)",
             *(_cell(row["rmse_position_m"][i]) for i in picks),
             *(
                 _cell(_last(row, key))

@@ -29,7 +29,16 @@ def normalised_error(error: Array, covariance: Array) -> Array:
         good[..., None, None], covariance / (safe[..., :, None] * safe[..., None, :]), np.eye(error.shape[-1])
     )
     scaled = np.where(good[..., None], error / safe, 0.0)
-    nees = np.einsum("...i,...i->...", scaled, np.linalg.solve(correlation, scaled[..., None])[..., 0])
+    try:
+        solved = np.linalg.solve(correlation, scaled[..., None])[..., 0]
+    except np.linalg.LinAlgError:  # one matrix is singular: LAPACK then refuses all of them
+        full = np.linalg.matrix_rank(correlation, hermitian=True) == error.shape[-1]
+        good = good & full
+        solved = np.linalg.solve(
+            np.where(full[..., None, None], correlation, np.eye(error.shape[-1])), scaled[..., None]
+        )
+        solved = solved[..., 0]
+    nees = np.einsum("...i,...i->...", scaled, solved)
     return np.where(good, nees, np.nan)
 
 

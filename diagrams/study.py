@@ -277,7 +277,8 @@ class Study:
                 ("estimator", "trial", "time", "innovation_row"),
                 per_estimator("innovation", rows),
             )
-        stream = next(iter(wired.estimators.values())).wiring.stream
+        rows = signals["measurement"].shape[-1] if "measurement" in signals else 0
+        stream = next((e.wiring.stream for e in wired.estimators.values() if len(e.wiring.stream) == rows), range(rows))
         coordinates: dict[str, Any] = {
             "estimator": names,
             "trial": np.arange(first, first + count),
@@ -306,6 +307,8 @@ class Study:
             "frame": wired.frame,
             "divergence_m": wired.divergence,
             "scenario": dump(request.scenario, comments=False),
+            **({"looks_ahead": ",".join(wired.looks_ahead)} if wired.looks_ahead else {}),
+            **({} if wired.convergence is None else {"convergence_m": wired.convergence}),
         }
 
 

@@ -52,9 +52,13 @@ class Wired:
         Further signals worth a log, such as resolved integers.
     dashed : sequence of (str, str)
         Feedback connections (from block, to block) of the drawing.
-    frame : str
-        Axes of states and platforms: ``earth_fixed`` (WGS-84), or the name of others, in which height above the
-        ellipsoid, speed over ground and course mean nothing and are left undefined.
+    looks_ahead : sequence of str
+        Estimators that use measurements before they are made (as a paper may); a summary says so.
+    frame : {'earth_fixed', 'inertial', 'launch'}
+        Axes of states and platforms. Height above the ellipsoid, speed over ground and course mean nothing in others
+        than ``earth_fixed`` (WGS-84) and are left undefined.
+    convergence : float or None
+        The convergence time is when the RMSE of the position falls below this for good [m]; None: as `metrics` has it.
     """
 
     truth: OutputPort
@@ -70,7 +74,9 @@ class Wired:
     sensed: OutputPort | None = None
     signals: Mapping[str, OutputPort] = field(default_factory=dict)
     dashed: Sequence[tuple[str, str]] = ()
+    looks_ahead: Sequence[str] = ()
     frame: str = "earth_fixed"
+    convergence: float | None = None
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,9 @@ ESTIMATORS: dict[str, str] = {
     "iekf_hypotheses": "systems.estimators.iekf_hypotheses:IekfHypotheses",
     "ukf_unaugmented": "systems.estimators.beacon:UkfUnaugmented",
     "ukf_monitored": "systems.estimators.beacon:UkfMonitored",
+    "ra": "systems.estimators.range_decomposed:Ra",
+    "ra_paper": "systems.estimators.range_decomposed:RaPaper",
+    "bank": "systems.estimators.bank:Bank",
     "custom": "systems.estimators.custom:Custom",
 }
 """Options class of each estimator, as ``module:Class``."""

@@ -44,6 +44,7 @@ def study_figures(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
     for kind in ("nees", "nis"):
         if dataset[kind].notnull().any():
             written.append(save(draw_consistency(dataset, kind), target / f"{kind}.png"))
-    written.append(save(draw_ground(dataset), target / "ground.png"))
+    if dataset.attrs.get("frame") != "inertial":
+        written.append(save(draw_ground(dataset), target / "ground.png"))
     written.append(save(draw_convergence(dataset, rmse(error["position"])), target / "convergence.png"))
     return written

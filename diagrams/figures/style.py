@@ -38,7 +38,11 @@ def looks(dataset: xr.Dataset) -> dict[str, Look]:
     """Return the look of each estimator, by its place in the result."""
     names = [str(name) for name in dataset["estimator"].values]
     size = len(_COLOURS)
-    return {name: Look(_COLOURS[i % size], _DASHES[i % size], _WIDTHS[i % size]) for i, name in enumerate(names)}
+    # from the eighth on the colours come again, with the next dashes and thin
+    return {
+        name: Look(_COLOURS[i % size], _DASHES[(i + i // size) % size], _WIDTHS[min(i, size - 1)])
+        for i, name in enumerate(names)
+    }
 
 
 def new_figure(height: float = 6.5, rows: int = 1, columns: int = 1, **keywords: Any) -> tuple[Figure, Any]:

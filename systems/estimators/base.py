@@ -124,6 +124,11 @@ class Estimator(EnsembleBlock):
         self._rows: list[int] | slice = slice(None) if rows == list(range(len(wiring.stream))) else rows
         self._declare_ports()
 
+    @property
+    def bound_model(self) -> MeasurementModel:
+        """What the estimator makes of the measurements, for the bound: the model, unless it uses less than that."""
+        return self.model
+
     # ---- what a subclass provides
 
     @abstractmethod

@@ -115,7 +115,7 @@ class HypothesisBank(Estimator):
         least_weight: float = 1e-5,
     ) -> None:
         self.algorithm = algorithm
-        self.hypotheses = start.count if isinstance(start, HypothesesStart) else 1
+        self.hypotheses = start.count
         if not 0 < least_weight < 1 / self.hypotheses:
             raise ValueError(
                 f"{name}: least_weight: {least_weight} is not allowed; > 0 and < 1/hypotheses = {1 / self.hypotheses:g}"

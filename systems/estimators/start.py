@@ -22,9 +22,12 @@ class Start(ABC):
         True where the belief is made from the measurement of the same instant, which is then not used again.
     inputs : mapping of str to int
         Further input ports that the estimator declares for its start, with their sizes.
+    count : int
+        Most hypotheses that it gives in a trial; more than one only to an estimator that can tell them apart.
     """
 
     uses_measurement: bool = False
+    count: int = 1
 
     @property
     def inputs(self) -> Mapping[str, int]:
@@ -65,6 +68,9 @@ class GivenStart(Start):
     def begin(self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
         """See `Start.begin`."""
         trials, n = measurement.shape[0], self._mean.shape[-1]
+        for what, own in (("mean", self._mean.shape[:-1]), ("covariance", self._covariance.shape[:-2])):
+            if own not in ((), (1,), (trials,)):
+                raise ValueError(f"start: the {what} is for {own[0]} trials, there are {trials}")
         return np.broadcast_to(self._mean, (trials, n)), np.broadcast_to(self._covariance, (trials, n, n))
 
 

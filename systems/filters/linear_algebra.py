@@ -30,10 +30,13 @@ def cholesky(covariance: Array) -> Array:
         pass
     n = covariance.shape[-1]
     flat = covariance.reshape(-1, n, n)
+    finite = np.all(np.isfinite(flat), axis=(-1, -2))
     factors = np.full_like(flat, np.nan)
-    for i, matrix in enumerate(flat):  # the rare path: only when LAPACK refused the batch
-        if np.all(np.isfinite(matrix)):
-            factors[i] = _repaired(matrix)
+    try:
+        factors[finite] = np.linalg.cholesky(flat[finite])
+    except np.linalg.LinAlgError:
+        for i in np.flatnonzero(finite):  # the rare path
+            factors[i] = _repaired(flat[i])
     return factors.reshape(covariance.shape)
 
 

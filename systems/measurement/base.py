@@ -48,6 +48,10 @@ class MeasurementModel(ABC):
     def noise_covariance(self) -> Array:
         """Return the covariance of the measurement noise, shape (m, m)."""
 
+    def noise_covariance_at(self, target: Array, platforms: Array) -> Array:
+        """Return the covariance of the noise for a target there, shape (..., m, m) or, the same everywhere, (m, m)."""
+        return self.noise_covariance()
+
     def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
         """Return `predict` and `jacobian`; a model whose two share work overrides this."""
         return self.predict(target, platforms), self.jacobian(target, platforms)

@@ -1,19 +1,26 @@
-"""Which platforms and target see each other over the horizon."""
+"""Which platforms and target see each other: over the horizon, past the Earth."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from systems.frames import up
 
-__all__ = ["ElevationMask", "SphericalMask"]
+__all__ = ["EarthOccultation", "ElevationMask", "Mask", "SphericalMask"]
 
 Array = NDArray[np.float64]
+
+
+class Mask(Protocol):
+    """Says who sees whom."""
+
+    def visible(self, target: Array, platforms: Array) -> NDArray[np.bool_]:
+        """Return whether each of platforms (..., p, 6) sees the target (..., n), shape (..., p)."""
 
 
 @dataclass(frozen=True)
@@ -73,3 +80,31 @@ class SphericalMask(ElevationMask):
         """See `ElevationMask.vertical`."""
         out = position - np.array(self.centre)
         return out / np.linalg.norm(out, axis=-1, keepdims=True)
+
+
+@dataclass(frozen=True)
+class EarthOccultation:
+    """A platform sees the target unless a sphere about the centre of the Earth is between them.
+
+    Parameters
+    ----------
+    radius : float
+        Of the sphere [m], > 0: the Earth's, or more where the atmosphere counts.
+    """
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        if not (math.isfinite(self.radius) and self.radius > 0):
+            raise ValueError(f"occultation radius: {self.radius} is not allowed; it must be > 0 m")
+
+    def visible(self, target: Array, platforms: Array) -> NDArray[np.bool_]:
+        """Return whether each platform sees the target, shape (..., p)."""
+        place = platforms[..., :3]
+        offset = target[..., None, :3] - place
+        length = (offset * offset).sum(axis=-1)
+        # share of the way at which the line of sight is nearest to the centre
+        share = np.clip(-(place * offset).sum(axis=-1) / length, 0.0, 1.0)
+        nearest = place + share[..., None] * offset
+        return (nearest * nearest).sum(axis=-1) >= self.radius**2

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from systems.frames import EARTH_RATE, WGS84_ECCENTRICITY_SQUARED
 
-__all__ = ["GravityConstants", "above_surface", "acceleration", "energy", "gradient"]
+__all__ = ["GravityConstants", "above_surface", "acceleration", "energy", "gradient", "gradient_rate"]
 
 Array = NDArray[np.float64]
 
@@ -123,6 +123,56 @@ def gradient(position: ArrayLike, constants: GravityConstants, j2: bool = True) 
     mixed = pole + np.swapaxes(pole, -1, -2)
     flat = (5 * sine**2 - 1) * np.eye(3) + (5 - 35 * sine**2) * outer + 10 * sine * mixed - 2 * np.diag([0.0, 0.0, 1.0])
     return out + 1.5 * constants.j2 * constants.radius**2 * pull / square * flat
+
+
+def gradient_rate(position: ArrayLike, velocity: ArrayLike, constants: GravityConstants, j2: bool = True) -> Array:
+    """Return how fast `gradient` changes for a body that moves.
+
+    Parameters
+    ----------
+    position : array_like, shape (..., 3)
+        Position from the centre of the Earth, z along the pole [m].
+    velocity : array_like, shape (..., 3)
+        Velocity [m/s].
+    constants : GravityConstants
+        Constants of the Earth.
+    j2 : bool
+        Whether the flattening of the Earth acts.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        dG/dt [1/s^3]; third derivatives of a potential commute, so it is the derivative of G v with respect to the
+        position as well.
+    """
+    p, v = np.asarray(position, dtype=float), np.asarray(velocity, dtype=float)
+    radius = np.sqrt((p * p).sum(axis=-1, keepdims=True))
+    along = p / radius
+    climb = (along * v).sum(axis=-1, keepdims=True)
+    turn = (v - climb * along) / radius
+    growth = (climb / radius)[..., None]
+    outer = along[..., :, None] * along[..., None, :]
+    mixed = turn[..., :, None] * along[..., None, :]
+    turning = mixed + np.swapaxes(mixed, -1, -2)
+    pull = constants.mu / radius[..., None] ** 3
+    out = 3 * pull * (turning - growth * (3 * outer - np.eye(3)))
+    if not j2:
+        return out
+    sine, rate = along[..., 2, None, None], turn[..., 2, None, None]
+    pole, pole_rate = np.zeros_like(outer), np.zeros_like(outer)
+    pole[..., 2, :], pole_rate[..., 2, :] = along, turn
+    both = pole + np.swapaxes(pole, -1, -2)
+    both_rate = pole_rate + np.swapaxes(pole_rate, -1, -2)
+    eye, axis = np.eye(3), np.diag([0.0, 0.0, 1.0])
+    flat = (5 * sine**2 - 1) * eye + (5 - 35 * sine**2) * outer + 10 * sine * both - 2 * axis
+    flat_rate = (
+        10 * sine * rate * eye
+        - 70 * sine * rate * outer
+        + (5 - 35 * sine**2) * turning
+        + 10 * (rate * both + sine * both_rate)
+    )
+    bulge = 1.5 * constants.j2 * constants.radius**2 * pull / radius[..., None] ** 2
+    return out + bulge * (flat_rate - 5 * growth * flat)
 
 
 def energy(state: ArrayLike, constants: GravityConstants, j2: bool = True) -> Array:

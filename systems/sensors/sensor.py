@@ -9,9 +9,9 @@ from pydrake.systems.framework import Context
 from systems.clocks import Clock
 from systems.filters.linear_algebra import semidefinite_root
 from systems.measurement.base import MeasurementModel
-from systems.measurement.visibility import ElevationMask
+from systems.measurement.visibility import Mask
 from systems.noise import normal
-from systems.signals import EnsembleBlock
+from systems.signals import Draw, EnsembleBlock
 
 __all__ = ["Sensor"]
 
@@ -38,8 +38,8 @@ class Sensor(EnsembleBlock):
         Shape of the target's state; one trial of truth serves all trials of noise.
     platform_trials : int
         Trials of the platforms' states.
-    mask : ElevationMask, optional
-        Without it every platform sees the target, even through the Earth.
+    mask : Mask, optional
+        Who sees whom, such as an `ElevationMask`. Without it every platform sees the target, even through the Earth.
     name : str
         Name of the block.
     """
@@ -53,7 +53,7 @@ class Sensor(EnsembleBlock):
         target_trials: int = 1,
         target_size: int = 6,
         platform_trials: int = 1,
-        mask: ElevationMask | None = None,
+        mask: Mask | None = None,
         name: str = "sensor",
     ) -> None:
         super().__init__(name)
@@ -84,11 +84,30 @@ class Sensor(EnsembleBlock):
             return np.full((self.trials, self.model.size), np.nan)
         target = self.read(context, "target")
         platforms = self.read(context, "platforms").reshape(-1, self._platforms, 6)
+        return self.reading(self.draw(context), tick, target, platforms)
+
+    def reading(self, draw: Draw, tick: int, target: Array, platforms: Array) -> Array:
+        """Return what the sensor reads at one tick.
+
+        Parameters
+        ----------
+        draw : Draw
+            Random numbers of the run.
+        tick : int
+            Index of the tick.
+        target : ndarray, shape (1 or trials, n)
+            True state of the target.
+        platforms : ndarray, shape (1 or trials, p, 6)
+            True states of the carriers.
+
+        Returns
+        -------
+        ndarray, shape (trials, m)
+        """
         exact = self.model.predict(target, platforms)
         if self._mask is not None:
             hidden = ~self._mask.visible(target, platforms)
             if hidden.any():
                 exact = np.where((self._needs & hidden[..., None, :]).any(axis=-1), np.nan, exact)
-        draw = self.draw(context)
         white = normal(draw.seed, self.get_name(), draw.first_trial, self.trials, tick, self.model.size)
         return self.model.represent(exact + np.einsum("ij,...j->...i", self._root, white))

@@ -54,7 +54,7 @@ def compare(size: Size) -> Section:
     section.notes += [
         "`run_study` with its defaults, each run in a process of its own; the time is that of the call, with building "
         "the diagram, simulating truth and sensors, resolving ambiguities, bounds, errors and the returned Dataset.",
-        "The last column is a run whose chunks are not kept, as on the command line, which writes each to the disk; the "
+        "The last column is a run whose chunks are not kept, as on the command line, which writes each to disk; the "
         "others return all trials in one Dataset.",
         f"Of the peak memory, {bare:.0f} MB are there after the imports, before anything runs.",
     ]

@@ -44,6 +44,7 @@ def main() -> None:
             report["trials"] += part.sizes["trial"]
             report["estimators"] = part.sizes["estimator"]
             report["steps"] = part.sizes["time"] - 1
+            del part
         report["seconds"] = time.perf_counter() - begun
     report["megabytes"] = peak_megabytes()
     print(json.dumps(report))

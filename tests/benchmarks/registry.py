@@ -16,6 +16,7 @@ COMPARISONS: dict[str, str] = {
     "one_linearisation": "tests.benchmarks.one_linearisation:compare",
     "rocket_filter": "tests.benchmarks.rocket_filter:compare",
     "ensemble_size": "tests.benchmarks.ensemble_size:compare",
+    "satellite_ranging": "tests.benchmarks.satellite_ranging:compare",
 }
 """Function of each comparison, ``compare(size: Size) -> Section``, as ``module:function``."""
 

@@ -119,3 +119,15 @@ def test_colours_differ_and_stay():
     shown = looks(result(names=names))
     assert len({look.color for look in shown.values()}) == 5
     assert looks(result(names=names[:2])) == {name: shown[name] for name in names[:2]}
+
+
+def test_eight_estimators_look_different():
+    shown = looks(result(names=tuple("abcdefgh")))
+    assert len(set(shown.values())) == 8
+
+
+def test_inertial_states_have_no_ground_track(tmp_path):
+    data = result()
+    data.attrs["frame"] = "inertial"
+    names = {path.name for path in study_figures(data, tmp_path)}
+    assert "ground.png" not in names and "error_height.png" not in names and "error_position.png" in names

@@ -205,6 +205,7 @@ def test_summary_is_json_and_says_null_where_nothing_is_defined():
         "bound_course_deg",
         "bound_truth_speed_mps",
         "bound_truth_course_deg",
+        "causal",
         "diverged",
         "armse_position_m",
         "convergence_time_s",

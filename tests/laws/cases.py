@@ -23,6 +23,8 @@ from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.phase import InterferometerPhase
 from systems.measurement.range_rate import RangeRate
+from systems.measurement.ranged_position import RangedPosition
+from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.base import MotionModel
@@ -30,6 +32,7 @@ from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceler
 from systems.motion.current_statistical import CurrentStatistical
 from systems.motion.gravity import GravityConstants
 from systems.motion.kepler import KeplerElements, mean_motion, state_of
+from systems.motion.orbital import OrbitalMotion
 from systems.motion.pass_oscillator import PassOscillator
 from systems.motion.random_walk import RandomWalk
 from systems.registry import ESTIMATORS, locate
@@ -101,7 +104,17 @@ def _over_stations():
     return Geometry(targets, stations[None])
 
 
-GEOMETRIES = {"satellites": _over_satellites(), "stations": _over_stations()}
+def _between_satellites():
+    """Inertial: twelve orbits seen from a satellite in a high one."""
+    rng = np.random.default_rng(4)
+    turn = rng.uniform(0, 2 * np.pi, (3, 12))
+    low = KeplerElements(rng.uniform(7e6, 9e6, 12), rng.uniform(0, 0.05, 12), rng.uniform(0.3, 2.5, 12), *turn)
+    high = KeplerElements(22e6, 0.2, np.radians(72.0), np.radians(30.0), np.radians(60.0), 0.4)
+    return Geometry(state_of(low, _EARTH.mu), state_of(high, _EARTH.mu)[None, None])
+
+
+EARTH_FIXED = {"satellites": _over_satellites(), "stations": _over_stations()}
+GEOMETRIES = {**EARTH_FIXED, "orbits": _between_satellites()}
 
 # ---------------------------------------------------------------------------------------- measurement models
 
@@ -127,6 +140,15 @@ def phase(**options):
 def six():
     """Return the stack of all six rows of three_satellite."""
     return Stack([tdoa(), fdoa(), phase()])
+
+
+KINEMATICS = dict(zip(ROWS, (1e-3, 1e-3, 1e-5, 1e-5, 10.0, 0.05), strict=True))
+"""Standard deviations of what one satellite measures of another."""
+
+
+def kinematics(rows=tuple(ROWS), **options):
+    """Return the model of satellite_ranging."""
+    return RelativeKinematics({row: KINEMATICS[row] for row in rows}, **options)
 
 
 _STATIONS = {"receivers": (1, 2, 3, 4), "reference": 0}
@@ -164,6 +186,12 @@ MEASUREMENTS = {
         Stack([Tdoa(50e-9, correlated=True, **_STATIONS), Altitude(30.0, "barometric")]),
         "stations",
     ),
+    "relative kinematics": (kinematics(), "orbits"),
+    "relative kinematics, j2": (kinematics(j2=True), "orbits"),
+    "relative kinematics, angles": (kinematics(("azimuth", "elevation")), "orbits"),
+    "relative kinematics, without angles": (kinematics(tuple(ROWS)[2:]), "orbits"),
+    "stack of relative kinematics": (Stack([kinematics(tuple(ROWS)[:4]), kinematics(tuple(ROWS)[4:])]), "orbits"),
+    "ranged position": (RangedPosition(kinematics()), "orbits"),
 }
 """Every measurement model, in every option that changes its mathematics: model and geometry."""
 
@@ -217,6 +245,9 @@ MOTIONS = {
     "random walk": (RandomWalk([0.1, 2.0], ["a", "b"], ["m/s", "rad"]), np.array([[1.0, 2.0], [30.0, -4.0]])),
     "pass oscillator": (PassOscillator([1e3, 1.0, 1e-2], 100.0, 1e-6), np.array([[3e3, 2e3, 1e3, 300.0, 1.2, 0.01]])),
     "pass oscillator, bias alone": (PassOscillator([1e3], 100.0), np.array([[3e3, 2e3, 1e3, 300.0]])),
+    "orbit, two-body": (OrbitalMotion(j2=False), _between_satellites().targets),
+    "orbit, j2": (OrbitalMotion(density=1e-6), _between_satellites().targets),
+    "orbit, second order": (OrbitalMotion(j2=True, method="second_order"), _between_satellites().targets),
     "turning": (Turning(), np.array([[10.0, 20.0, 0.3, 0.01], [-5e3, 1e3, -2.0, 0.05]])),
 }
 """Every motion model: model and example states (k, n)."""
@@ -246,10 +277,16 @@ EXAMPLES = {
 """Options of registered estimators where the defaults are not enough, or are not all."""
 
 
+OWN_SENSOR = ("ra", "ra_paper", "bank")
+"""Registered estimators that work with one sensor only: the same laws on a scene of theirs, in test_ranging_laws."""
+
+
 def estimators():
-    """Return options of every registered estimator, by a readable name."""
+    """Return options of every registered estimator that takes any sensor, by a readable name."""
     cases = {}
     for name, path in ESTIMATORS.items():
+        if name in OWN_SENSOR:
+            continue
         for i, options in enumerate(EXAMPLES.get(name) or [locate(path)()]):
             cases[f"{name} {i}" if i else name] = options
     return cases

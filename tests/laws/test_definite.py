@@ -1,17 +1,14 @@
 """Covariances stay symmetric and positive definite, and right, however the scales differ."""
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
 
 from systems.estimators.known_height_start import KnownHeightStart
-from systems.filters.linear_algebra import cholesky, semidefinite_root
-from systems.filters.square_root import Gains
 from systems.filters.whitening import Whitener
 from systems.measurement.stack import Stack
 from systems.motion.constant_velocity import ConstantVelocity
 from tests.laws.cases import FILTERS, PASS, PLACES, fdoa, phase, place, satellites, tdoa
+from tests.laws.exact import exact_update
 from tests.laws.rig import Linear
 
 
@@ -87,35 +84,7 @@ def test_many_thousands_of_updates(name, acceleration):
     many_updates(name, acceleration, 5000)
 
 
-# ----------------------------------------------------------------------------------- accuracy, in exact arithmetic
-
-
-def exact(array):
-    """Return the very numbers that the doubles are, as fractions."""
-    return np.vectorize(Fraction, otypes=[object])(array)
-
-
-def solve_exactly(a, b):
-    """Gauss-Jordan elimination of fractions: no rounding at all."""
-    a, b = a.copy(), b.copy()
-    for i in range(len(a)):
-        pivot = i + int(np.argmax(np.abs(a[i:, i])))
-        a[[i, pivot]], b[[i, pivot]] = a[[pivot, i]], b[[pivot, i]]
-        a[i], b[i] = a[i] / a[i, i], b[i] / a[i, i]
-        for j in range(len(a)):
-            if j != i:
-                a[j], b[j] = a[j] - a[j, i] * a[i], b[j] - a[j, i] * b[i]
-    return b
-
-
-def exact_update(mean, covariance, h, r, z):
-    """Kalman's update without rounding: mean, covariance, normalised innovation squared."""
-    mean, covariance, h, r, z = (exact(array) for array in (mean, covariance, h, r, z))
-    innovation = z - h @ mean
-    s = h @ covariance @ h.T + r
-    gain = solve_exactly(s, h @ covariance).T
-    nis = innovation @ solve_exactly(s, innovation[:, None])[:, 0]
-    return (mean + gain @ innovation).astype(float), (covariance - gain @ s @ gain.T).astype(float), float(nis)
+# ------------------------------------------------------------------------------- accuracy, against exact arithmetic
 
 
 @pytest.mark.parametrize("spread", [1.0, 1e3, 1e5, 1e7, 1e9])
@@ -145,56 +114,3 @@ def test_wide_priors_keep_their_digits(name, spread):
         # What is formed with |Y| <= 1e4 loses 1e-16 |Y|^2, what is wider 1e-16 |Y|; |Y| is ten times the spread here.
         squared, plain = min(10 * width, 1e4) ** 2, 10 * width
         assert max(errors) < 1e-13 + 1e-16 * (squared + 10 * plain), errors
-
-
-def test_the_two_factorisations_meet():
-    """Where one takes over from the other nothing jumps."""
-    rng = np.random.default_rng(9)
-    rows = rng.normal(size=(20, 6, 6))
-    scale = np.sqrt(np.max(np.swapaxes(rows, -1, -2) @ rows, axis=(-1, -2)))
-    rows *= (1e4 / scale * np.linspace(0.99, 1.01, 20))[:, None, None]
-    gains = Gains(np.eye(6), rows)
-    assert 5 < np.count_nonzero(gains._wide) < 15
-    whitened = rng.normal(size=(20, 6)) * 1e4
-    step, nis = gains.update(whitened)
-    covariance = gains.covariance()
-    for i in range(20):
-        y, r = exact(rows[i]), exact(whitened[i])
-        gram, s = y.T @ y + exact(np.eye(6)), y @ y.T + exact(np.eye(6))
-        expected = solve_exactly(gram, exact(np.eye(6)))
-        np.testing.assert_allclose(covariance[i], expected.astype(float), rtol=0, atol=1e-7)
-        np.testing.assert_allclose(step[i], (expected @ y.T @ r).astype(float), rtol=1e-7, atol=1e-7)
-        np.testing.assert_allclose(nis[i], float(r @ solve_exactly(s, r[:, None])[:, 0]), rtol=1e-7)
-
-
-# ----------------------------------------------------------------------------------------------- linear algebra
-
-
-def test_cholesky_of_a_batch_with_bad_ones():
-    """Each matrix for itself: a sound one, one with NaN, one that rounding has made indefinite, one of rank one."""
-    rng = np.random.default_rng(2)
-    a = rng.normal(size=(4, 4))
-    sound = a @ a.T
-    indefinite = np.diag([1.0, 1.0, 1.0, -1e-17])
-    one = np.outer([1.0, 1e3, 1e-3, 1.0], [1.0, 1e3, 1e-3, 1.0])
-    batch = np.stack([sound, np.full((4, 4), np.nan), indefinite, one, sound])
-    factors = cholesky(batch)
-    np.testing.assert_array_equal(factors[[0, 4]], np.linalg.cholesky(batch[[0, 4]]))
-    assert np.isnan(factors[1]).all()
-    for i in (2, 3):
-        np.testing.assert_array_equal(factors[i], np.tril(factors[i]))
-        assert np.all(np.diag(factors[i]) > 0)
-        scale = np.sqrt(np.maximum(np.diag(batch[i]), 1e-300))
-        error = (factors[i] @ factors[i].T - batch[i]) / np.outer(scale, scale)
-        # the eigenvalues of the correlation matrix are raised to 1e-12
-        assert np.abs(error[np.isfinite(error)]).max() < 4e-12 or i == 2
-        np.testing.assert_array_equal(cholesky(batch[i]), factors[i])
-    assert not cholesky(np.zeros((0, 3, 3))).size
-
-
-@pytest.mark.parametrize("rank", [1, 2, 3])
-def test_semidefinite_root_of_what_is_drawn(rank):
-    a = np.random.default_rng(rank).normal(size=(3, rank)) * np.array([[1e-8], [1.0], [1e4]])
-    root = semidefinite_root(a @ a.T)
-    sigma = np.sqrt(np.diag(a @ a.T))
-    np.testing.assert_allclose(root @ root.T / np.outer(sigma, sigma), a @ a.T / np.outer(sigma, sigma), atol=1e-12)

@@ -7,7 +7,7 @@ from systems.frames import EARTH_RATE
 from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.light_time import arrival
 from systems.measurement.tdoa import Tdoa
-from tests.laws.cases import CARRIER, GEOMETRIES, PASS, fdoa, place, satellites, tdoa
+from tests.laws.cases import CARRIER, EARTH_FIXED, PASS, fdoa, place, satellites, tdoa
 
 C = np.longdouble(SPEED_OF_LIGHT)
 MU = 3.986004418e14
@@ -73,10 +73,10 @@ def brute_force(target, platforms, reference, path=straight, carrier_path=straig
     return np.array(delays, dtype=float), np.array(ratios, dtype=float)
 
 
-@pytest.mark.parametrize("geometry", GEOMETRIES)
+@pytest.mark.parametrize("geometry", EARTH_FIXED)
 @pytest.mark.parametrize("reference", [0, 1])
 def test_one_wave_front(geometry, reference):
-    scene = GEOMETRIES[geometry]
+    scene = EARTH_FIXED[geometry]
     wave = arrival(scene.targets, scene.platforms, reference)
     for i, target in enumerate(scene.targets):
         delay, ratio = brute_force(target, scene.platforms[0], reference)
@@ -88,7 +88,7 @@ def test_one_wave_front(geometry, reference):
 
 def test_velocities_held_over_the_light_time_are_enough():
     """Real paths curve; over 4 ms that is 0.1 mm: far below a nanosecond and a millihertz."""
-    scene = GEOMETRIES["satellites"]
+    scene = EARTH_FIXED["satellites"]
     for model in (tdoa(light_time=True), fdoa(light_time=True)):
         values = model.predict(scene.targets, scene.platforms)
         for i, target in enumerate(scene.targets):
@@ -122,7 +122,7 @@ def test_size_of_the_effect():
 def test_without_earth_rotation_and_motion_it_is_geometry():
     """Nothing moves, nothing turns: one wave front is the geometry of one instant."""
     still = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    scene = GEOMETRIES["satellites"]
+    scene = EARTH_FIXED["satellites"]
     targets, platforms = scene.targets * still, scene.platforms * still
     exact = tdoa().predict(targets, platforms)
     np.testing.assert_allclose(

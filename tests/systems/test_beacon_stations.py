@@ -15,7 +15,7 @@ from systems.plants.mode_schedule import ModeSchedule
 from systems.plants.oscillator import BiasLaw, OscillatorBias
 from systems.recorder import record
 from systems.sensors.beacon import BeaconStations
-from systems.sensors.prior import OffsetPrior
+from systems.sensors.offset_prior import OffsetPrior
 from systems.signals import Constant, Draw, set_draw
 
 CLOCK = Periodic(0.5)

@@ -25,7 +25,9 @@ def test_frozen_numbers():
     """Studies can be run again years later only if these never change."""
     digest = hashlib.sha256(uniform(1, "sensor", 37, 3, 5, 6).tobytes()).hexdigest()
     assert digest == "96cb7f9ea211b1076a52a86570096a9926729210ed1e81a48a973fdd3f7f4db8"
-    np.testing.assert_allclose(normal(1, "sensor", 37, 1, 5, 2)[0], [-0.5435047031566993, 0.5198873332087972], rtol=1e-14)
+    np.testing.assert_allclose(
+        normal(1, "sensor", 37, 1, 5, 2)[0], [-0.5435047031566993, 0.5198873332087972], rtol=1e-14
+    )
 
 
 @pytest.mark.parametrize("size", [1, 4, 6, 9])

@@ -15,9 +15,7 @@ class Doubler(EnsembleBlock):
         self.calls = 0
         self.declare_input("in", trials, size)
         self.entry = self.declare_cached("double", Doubler._double, {self.input_ticket("in")})
-        self.declare_output(
-            "out", trials, size, lambda c: self.cached(c, self.entry), {self.cached_ticket(self.entry)}
-        )
+        self.declare_output("out", trials, size, lambda c: self.cached(c, self.entry), {self.cached_ticket(self.entry)})
 
     def _double(self, context):
         self.calls += 1

@@ -1,0 +1,427 @@
+"""One satellite finds the orbit of another by listening: angles, rates, radial velocity and radial acceleration.
+
+Wu Shunhua, Xin Qin and Wan Jianwei, *A passive ranging method of single satellite to satellite based on kinematics*,
+Progress in Natural Science (in Chinese), received 2008. The frame is inertial throughout.
+"""
+
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Union
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder
+
+from diagrams.errors import UserError
+from diagrams.system import System, Wired
+from systems.clocks import Periodic
+from systems.documented import choice, documented, number
+from systems.estimators.bank import RootBank
+from systems.estimators.base import Wiring
+from systems.estimators.options import EstimatorOptions
+from systems.estimators.range_decomposed import RangeDecomposed
+from systems.estimators.start import PortStart
+from systems.fixes.orbit_plane import plane_normal
+from systems.measurement.base import MeasurementModel
+from systems.measurement.ranged_position import RangedPosition
+from systems.measurement.relative_kinematics import ROWS, RelativeKinematics, rows_of
+from systems.measurement.visibility import EarthOccultation
+from systems.motion.gravity import GravityConstants
+from systems.motion.kepler import KeplerElements, mean_motion, state_of
+from systems.motion.orbital import OrbitalMotion
+from systems.plants.orbit import DenseOrbit
+from systems.plants.recorded import RecordedTruth, hermite
+from systems.plants.sp3 import read_sp3
+from systems.registry import estimator_options
+from systems.sensors.platform_error import PlatformError
+from systems.sensors.preview import Preview
+from systems.sensors.prior import PriorEstimate
+from systems.sensors.ranging import Ranging
+from systems.sensors.sensor import Sensor
+
+__all__ = ["SYSTEM", "Scenario", "believed_sensor", "initial_states", "prior_covariance", "true_sensor"]
+
+Array = NDArray[np.float64]
+
+if TYPE_CHECKING:
+    EstimatorChoice = EstimatorOptions
+else:
+    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
+
+_KM = 1e3
+_KINDS = ("angles", "rates", *ROWS)
+_POSITION = "position"
+_NO_PRIOR = np.diag([1e9**2] * 3 + [1e6**2] * 3)  # of an estimator without one, for its bound; m and m/s
+_COPLANAR = 1.0  # degrees between the two orbit planes
+
+
+@dataclass
+class Constants:
+    """Physical constants; the paper's J2 and radius, and the mu of its tools."""
+
+    mu_m3ps2: float = number("gravitational parameter of the Earth [m^3/s^2]", 3.986004415e14, above=0)
+    earth_radius_m: float = number("equatorial radius of the Earth [m]", 6378136.0, above=0)
+    j2: float = number("second zonal harmonic", 1.0826261e-3, at_least=0)
+    earth_rate_radps: float = number("rotation rate of the Earth, for recorded orbits [rad/s]", 7.292115e-5)
+
+
+@dataclass
+class Kepler:
+    """An orbit by its elements, as the paper gives them."""
+
+    semi_major_axis_km: float = number("semi-major axis [km]", 7500.0, above=0)
+    eccentricity: float = number("eccentricity, 0 <= e < 1", 0.0, at_least=0)
+    inclination_deg: float = number("inclination [deg]", 45.0, at_least=0, at_most=180)
+    raan_deg: float = number("right ascension of the ascending node [deg]", 60.0)
+    argument_of_perigee_deg: float = number("argument of perigee [deg]", 108.0)
+    perigee_passage_s: float = number("time of perigee passage [s]; the mean anomaly is n (t - it)", 500.0)
+
+
+@dataclass
+class Sp3:
+    """A recorded precise orbit; inertial axes that coincide with the Earth-fixed ones at the start."""
+
+    file: str = documented("file in the folder sp3 of the recorded data", "grgja203.b08243.e08247.D_S.sp3")
+    satellite: str = documented("its identification in the file; empty: the only one", "")
+    start_s: float = number("seconds after the file's first epoch at which the run begins [s]", 0.0, at_least=0)
+
+
+@dataclass
+class Truth:
+    """What is the case."""
+
+    j2: bool = documented(
+        "whether J2 acts on both satellites; for a recorded target: in the acceleration that is measured",
+        False,
+    )
+    sigma_angle_mrad: float = number("standard deviation of azimuth and elevation [mrad]", 1.0, above=0)
+    sigma_angle_rate_mradps: float = number("standard deviation of their rates [mrad/s]", 0.01, above=0)
+    sigma_radial_velocity_mps: float = number("standard deviation of the radial velocity [m/s]", 10.0, above=0)
+    sigma_radial_acceleration_mps2: float = number(
+        "standard deviation of the radial acceleration [m/s^2]", 0.05, above=0
+    )
+    occultation: bool = documented("whether the Earth blocks the line of sight; the paper ignores it", False)
+    grazing_height_km: float = number("height below which a line of sight is blocked [km]", 0.0, at_least=0)
+    sigma_observer_m: float = number("error of the observer's known position, constant, per axis [m]", 0.0, at_least=0)
+    sigma_observer_mps: float = number(
+        "error of the observer's known velocity, constant, per axis [m/s]", 0.0, at_least=0
+    )
+
+
+@dataclass
+class Belief:
+    """What the estimators believe; null: as it is."""
+
+    j2: bool | None = documented("whether J2 acts on both satellites", None)
+    sigma_angle_mrad: float | None = number("standard deviation of azimuth and elevation [mrad]", None, above=0)
+    sigma_angle_rate_mradps: float | None = number("standard deviation of their rates [mrad/s]", None, above=0)
+    sigma_radial_velocity_mps: float | None = number("standard deviation of the radial velocity [m/s]", None, above=0)
+    sigma_radial_acceleration_mps2: float | None = number(
+        "standard deviation of the radial acceleration [m/s^2]", None, above=0
+    )
+    propagation: str = choice(
+        "runge_kutta: fourth order with variational equations; second_order: the paper's (42), (43) corrected",
+        "runge_kutta",
+        ("runge_kutta", "second_order"),
+    )
+    acceleration_density_m2ps3: float = number(
+        "process noise: density of white acceleration [m^2/s^3]", 0.0, at_least=0
+    )
+    sigma_position_km: float = number("error of the initial estimate's position per axis [km]", 500.0, above=0)
+    sigma_velocity_mps: float = number("error of the initial estimate's velocity per axis [m/s]", 500.0, above=0)
+
+
+@dataclass
+class Scenario:
+    """Scenario of `satellite_ranging`."""
+
+    duration_s: float = number("length of the arc [s]", 5000.0, above=0)
+    period_s: float = number("time between measurements [s]", 10.0, above=0)
+    divergence_m: float = number("a trial further off than this at the end has diverged [m]", 100e3, above=0)
+    constants: Constants = documented("physical constants", factory=Constants)
+    observer: Kepler = documented("orbit of the satellite that listens", factory=Kepler)
+    target: Kepler | Sp3 = documented("orbit of the other one: !Kepler or !Sp3", factory=Kepler)
+    truth: Truth = documented("what is the case", factory=Truth)
+    belief: Belief = documented("what the estimators believe", factory=Belief)
+    estimators: dict[str, EstimatorChoice] = documented("the estimators side by side", factory=dict)
+
+
+# -------------------------------------------------------------------------------------------------- models
+
+
+def gravity(scenario: Scenario) -> GravityConstants:
+    """Return the physical constants."""
+    c = scenario.constants
+    return GravityConstants(mu=c.mu_m3ps2, radius=c.earth_radius_m, j2=c.j2, earth_rate=c.earth_rate_radps)
+
+
+def _sigmas(scenario: Scenario, believed: bool) -> dict[str, float]:
+    truth, belief = scenario.truth, scenario.belief
+
+    def chosen(field: str) -> float:
+        value = getattr(belief, field) if believed else None
+        return float(getattr(truth, field) if value is None else value)
+
+    angle, rate = 1e-3 * chosen("sigma_angle_mrad"), 1e-3 * chosen("sigma_angle_rate_mradps")
+    return {
+        "azimuth": angle,
+        "elevation": angle,
+        "azimuth_rate": rate,
+        "elevation_rate": rate,
+        "radial_velocity": chosen("sigma_radial_velocity_mps"),
+        "radial_acceleration": chosen("sigma_radial_acceleration_mps2"),
+    }
+
+
+def true_sensor(scenario: Scenario) -> RelativeKinematics:
+    """Return the sensor as it is, with all six rows."""
+    return RelativeKinematics(_sigmas(scenario, False), gravity(scenario), scenario.truth.j2)
+
+
+def _believed_j2(scenario: Scenario) -> bool:
+    return scenario.truth.j2 if scenario.belief.j2 is None else scenario.belief.j2
+
+
+def believed_sensor(scenario: Scenario, kinds: Sequence[str] = ()) -> RelativeKinematics:
+    """Return the sensor as the estimators believe it to be.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    kinds : sequence of str
+        ``angles``, ``rates`` or single rows; empty: all six rows.
+
+    Raises
+    ------
+    UserError
+        For an unknown kind.
+    """
+    for kind in kinds:
+        if kind not in _KINDS:
+            raise UserError(f"measurements: {kind} is not allowed; any of {', '.join(_KINDS)}, or position alone")
+    rows = rows_of(kinds) if kinds else list(ROWS)
+    sigmas = _sigmas(scenario, True)
+    return RelativeKinematics({row: sigmas[row] for row in rows}, gravity(scenario), _believed_j2(scenario))
+
+
+def believed_motion(scenario: Scenario) -> OrbitalMotion:
+    """Return how the estimators believe that the target moves."""
+    belief = scenario.belief
+    return OrbitalMotion(
+        gravity(scenario),
+        _believed_j2(scenario),
+        "second_order" if belief.propagation == "second_order" else "runge_kutta",
+        density=belief.acceleration_density_m2ps3,
+    )
+
+
+def prior_covariance(scenario: Scenario) -> Array:
+    """Return the covariance of the initial estimate, shape (6, 6)."""
+    belief = scenario.belief
+    return np.diag([(belief.sigma_position_km * _KM) ** 2] * 3 + [belief.sigma_velocity_mps**2] * 3)
+
+
+# ------------------------------------------------------------------------------------------------ geometry
+
+
+def kepler_state(orbit: Kepler, constants: GravityConstants, who: str) -> Array:
+    """Return the inertial state at t = 0, shape (6,).
+
+    Raises
+    ------
+    UserError
+        For a hyperbola, or an orbit that enters the Earth.
+    """
+    if orbit.eccentricity >= 1:
+        raise UserError(
+            f"{who}.eccentricity: {orbit.eccentricity:g} is not allowed; 0 <= eccentricity < 1 (a hyperbola has no "
+            "perigee passage to count from)"
+        )
+    axis = orbit.semi_major_axis_km * _KM
+    perigee = axis * (1 - orbit.eccentricity)
+    if perigee <= constants.radius:
+        raise UserError(
+            f"{who}.semi_major_axis_km, {who}.eccentricity: ({orbit.semi_major_axis_km:g}, {orbit.eccentricity:g}) is "
+            f"not allowed; the perigee is {perigee / _KM:.0f} km from the centre of the Earth, inside it"
+        )
+    elements = KeplerElements(
+        axis,
+        orbit.eccentricity,
+        math.radians(orbit.inclination_deg),
+        math.radians(orbit.raan_deg),
+        math.radians(orbit.argument_of_perigee_deg),
+        float(-mean_motion(axis, constants.mu) * orbit.perigee_passage_s),
+    )
+    return state_of(elements, constants.mu)
+
+
+def initial_states(scenario: Scenario) -> tuple[Array, Array]:
+    """Return the inertial states of observer and target at t = 0, each (6,); a recorded target's from its file."""
+    constants = gravity(scenario)
+    observer = kepler_state(scenario.observer, constants, "observer")
+    if isinstance(scenario.target, Sp3):
+        return observer, recorded_orbit(scenario)[1][0]
+    return observer, kepler_state(scenario.target, constants, "target")
+
+
+def recorded_orbit(scenario: Scenario) -> tuple[Array, Array]:
+    """Return times and inertial states of the recorded target.
+
+    Raises
+    ------
+    UserError
+        If the data are not there, cannot be read, or end before the run does.
+    """
+    target = scenario.target
+    assert isinstance(target, Sp3)
+    folder = os.environ.get("QUIETFIX_DATA")
+    if not folder or not (Path(folder) / "sp3").is_dir():
+        raise UserError(
+            f"target.file: {target.file} is looked for in the folder sp3 of the recorded data, which the environment "
+            f"variable QUIETFIX_DATA names ({folder or 'not set'}); "
+            "source: ftp://doris.ign.fr/pub/doris/products/orbits/grg/ja2/"
+        )
+    path = Path(folder) / "sp3" / target.file
+    try:
+        record = read_sp3(path, target.satellite or None)
+        times, states = record.inertial(target.start_s, scenario.constants.earth_rate_radps)
+    except OSError as error:
+        raise UserError(f"target.file: {path} cannot be read ({error.strerror or error})") from error
+    except ValueError as error:
+        raise UserError(f"target: {error}") from error
+    if times[-1] < scenario.duration_s:
+        raise UserError(
+            f"target.start_s: {target.start_s:g} is not allowed; {times[-1]:g} s of the record are left, duration_s is "
+            f"{scenario.duration_s:g}"
+        )
+    return times, states
+
+
+def _check_planes(observer: Array, target: Array) -> None:
+    cosine = abs(float(plane_normal(observer) @ plane_normal(target)))
+    angle = math.degrees(math.acos(min(1.0, cosine)))
+    if angle < _COPLANAR:
+        raise UserError(
+            f"observer, target: their orbit planes are {angle:.2g} deg apart; coplanar orbits are not observable by "
+            f"this method (every root of the ranging equation lies in the plane), at least {_COPLANAR:g} deg are needed"
+        )
+
+
+# -------------------------------------------------------------------------------------------------- wiring
+
+
+def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str], trials: int) -> Wired:
+    """Put truth, sensor, prior and estimators into a diagram; see `diagrams.system.System`."""
+    constants, truth = gravity(scenario), scenario.truth
+    clock = Periodic(scenario.period_s)
+    listener, emitter = initial_states(scenario)
+    _check_planes(listener, emitter)
+    sensor_model = true_sensor(scenario)
+    observer = builder.AddSystem(
+        DenseOrbit(listener[None], scenario.duration_s, constants=constants, j2=sensor_model.j2, name="observer")
+    )
+    target, target_at = _add_target(builder, scenario, emitter, constants)
+    mask = EarthOccultation(constants.radius + truth.grazing_height_km * _KM) if truth.occultation else None
+    sensor = builder.AddSystem(Sensor(sensor_model, clock, trials, 1, mask=mask, name="sensor"))
+    exact = observer.GetOutputPort("inertial")
+    builder.Connect(target, sensor.GetInputPort("target"))
+    builder.Connect(exact, sensor.GetInputPort("platforms"))
+    measured = sensor.GetOutputPort("measurement")
+
+    platforms, platform_trials, error = exact, 1, None
+    if truth.sigma_observer_m > 0 or truth.sigma_observer_mps > 0:
+        error = builder.AddSystem(
+            PlatformError(trials, 1, truth.sigma_observer_m, truth.sigma_observer_mps, name="observer_error")
+        )
+        builder.Connect(exact, error.GetInputPort("platforms"))
+        platforms, platform_trials = error.GetOutputPort("platforms"), trials
+
+    covariance = prior_covariance(scenario)
+    prior = builder.AddSystem(PriorEstimate(covariance, trials))
+    builder.Connect(target, prior.GetInputPort("target"))
+    full = believed_sensor(scenario)
+    ranging = builder.AddSystem(Ranging(full, trials, platform_trials=platform_trials))
+    builder.Connect(measured, ranging.GetInputPort("measurement"))
+    builder.Connect(platforms, ranging.GetInputPort("platforms"))
+
+    blocks, dashed = {}, []
+    for name in estimators:
+        options = scenario.estimators[name]
+        motion, start = believed_motion(scenario), PortStart(covariance)
+        kinds = list(options.measurements)
+        if kinds == [_POSITION]:
+            model: MeasurementModel = RangedPosition(full)
+            wiring = Wiring(trials, model.names, clock, 1, platform_trials, noise_port=True)
+        else:
+            model = believed_sensor(scenario, kinds)
+            wiring = Wiring(trials, list(ROWS), clock, 1, platform_trials)
+        block = builder.AddSystem(options.make(name, model, motion, start, wiring))
+        builder.Connect(platforms, block.GetInputPort("platforms"))
+        if block.HasInputPort("initial_estimate"):
+            builder.Connect(prior.GetOutputPort("initial_estimate"), block.GetInputPort("initial_estimate"))
+        if kinds == [_POSITION]:
+            own = builder.AddSystem(
+                Ranging(full, trials, platform_trials=platform_trials, feedback=True, name=f"ranging_{name}")
+            )
+            builder.Connect(measured, own.GetInputPort("measurement"))
+            builder.Connect(platforms, own.GetInputPort("platforms"))
+            builder.Connect(block.GetOutputPort("prediction"), own.GetInputPort("prediction"))
+            for port in ("measurement", "noise_covariance"):
+                builder.Connect(own.GetOutputPort(port), block.GetInputPort(port))
+            dashed.append((name, own.get_name()))
+        else:
+            builder.Connect(measured, block.GetInputPort("measurement"))
+        if isinstance(block, RangeDecomposed) and block.look_ahead:
+            ahead = builder.AddSystem(
+                Preview(
+                    sensor, target_at, lambda t: observer.at(t), clock, block.plane_epochs, error, f"preview_{name}"
+                )
+            )
+            builder.Connect(ahead.GetOutputPort("preview"), block.GetInputPort("preview"))
+        blocks[name] = block
+
+    unaided = {name for name, block in blocks.items() if isinstance(block, RootBank)}
+    return Wired(
+        truth=target,
+        platforms=exact,
+        measurement=measured,
+        estimators=blocks,
+        clock=clock,
+        duration=scenario.duration_s,
+        divergence=scenario.divergence_m,
+        start_covariance=lambda name, state, carriers: (_NO_PRIOR if name in unaided else covariance)[None],
+        truth_motion=OrbitalMotion(constants, sensor_model.j2),
+        start_uses_measurement=False,
+        signals={port: ranging.GetOutputPort(port) for port in ("ranges", "range_sigmas")},
+        dashed=dashed,
+        frame="inertial",
+        looks_ahead=[name for name, block in blocks.items() if isinstance(block, RangeDecomposed) and block.look_ahead],
+        # a tenth of the initial error, as in (61): of its expectation, so that all estimators are held to the same
+        convergence=0.1 * math.sqrt(np.trace(covariance[:3, :3])),
+    )
+
+
+def _add_target(
+    builder: DiagramBuilder, scenario: Scenario, state: Array, constants: GravityConstants
+) -> tuple[Any, Callable[[float], Array]]:
+    """Add the target; return its port and its state (1, 6) as a function of time."""
+    if isinstance(scenario.target, Sp3):
+        times, states = recorded_orbit(scenario)
+        recorded = builder.AddSystem(RecordedTruth(times, states, name="target"))
+        return recorded.GetOutputPort("state"), lambda t: hermite(times, states, t)[0][None]
+    orbit = builder.AddSystem(
+        DenseOrbit(state[None], scenario.duration_s, constants=constants, j2=scenario.truth.j2, name="target")
+    )
+    return orbit.GetOutputPort("inertial"), lambda t: orbit.at(t)
+
+
+SYSTEM = System(
+    name="satellite_ranging",
+    title="satellite to satellite: passive ranging from angles, rates, radial velocity and radial acceleration",
+    scenario=Scenario,
+    wire=wire,
+)
