@@ -340,7 +340,7 @@ class StudyBounds:
         for kind in ("bound", "bound_truth"):
             curves = [self._sums[name, kind].curves() for name in names]
             # the others refer to the ellipsoid
-            for what in QUANTITIES if self.wired.frame == "earth_fixed" else ("position", "velocity"):
+            for what in QUANTITIES if self.wired.frame in ("earth_fixed", "local") else ("position", "velocity"):
                 found[f"{kind}_{what}"] = (("estimator", "time"), np.stack([curve[what] for curve in curves]))
         return found
 
