@@ -98,7 +98,7 @@ def test_bad_draw(field, value):
 
 @pytest.mark.parametrize("trials", [0, -1, 2.5, "3"])
 def test_bad_trials(trials):
-    with pytest.raises(ValueError, match="trials: .* whole number >= 1"):
+    with pytest.raises(ValueError, match=r"trials: .* whole number >= 1"):
         Doubler(trials, 2)
 
 

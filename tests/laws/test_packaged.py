@@ -1,0 +1,111 @@
+"""Laws of whole diagrams, on the packaged scenarios: reproducibility, chunks, noise, cost in calls."""
+
+import collections
+
+import numpy as np
+import pytest
+
+from systems.estimators.base import Estimator
+from systems.measurement.altitude import Altitude
+from systems.plants.model_plant import ModelPlant
+from systems.sensors.sensor import Sensor
+from tests.laws.packaged import Packaged
+
+SHORT = {"duration_s": 25}
+
+
+def tolerance_of(packaged, name):
+    options = packaged.scenario.estimators[name]
+    return options.tolerance if getattr(options, "max_iterations", 1) > 1 else None
+
+
+@pytest.fixture(scope="module")
+def hundred():
+    packaged = Packaged("three_satellite", 100, SHORT)
+    return packaged, packaged.run(seed=5)[1]
+
+
+@pytest.mark.parametrize(("first", "count"), [(37, 1), (33, 7)])
+def test_trial_37_alone_is_trial_37_of_the_batch(hundred, first, count):
+    """Five estimators, resolver with feedback, start, sensors: the measurements bit for bit."""
+    packaged, batch = hundred
+    alone = Packaged("three_satellite", count, SHORT).run(seed=5, first_trial=first)[1]
+    rows = slice(first, first + count)
+    # the resolver adds whole cycles, the same in both; it reads a prediction, so not more than that is bit-equal
+    np.testing.assert_array_equal(alone["measurement"][..., :4], batch["measurement"][:, rows, :4])
+    np.testing.assert_array_equal(alone["integers"], batch["integers"][:, rows])
+    np.testing.assert_array_equal(alone["measurement"][..., 4:], batch["measurement"][:, rows, 4:])
+    for name in packaged.names:
+        sigma = np.sqrt(np.diagonal(packaged.covariance(batch, name), axis1=-2, axis2=-1))[:, rows]
+        difference = np.abs(alone[f"{name}/estimate"] - batch[f"{name}/estimate"][:, rows])
+        tolerance = tolerance_of(packaged, name)
+        if tolerance is None:
+            # relative to the state: 6e6 m in a double
+            assert np.all(difference <= 1e-9 * np.maximum(np.abs(batch[f"{name}/estimate"][:, rows]), sigma)), name
+        else:
+            assert np.all(difference <= tolerance), name
+
+
+def test_other_seeds_and_trials_are_other_draws(hundred):
+    packaged, batch = hundred
+    other = packaged.run(seed=6)[1]["measurement"]
+    later = packaged.run(seed=5, first_trial=100)[1]["measurement"]
+    for values in (other, later):
+        assert not np.isin(values[..., 0], batch["measurement"][..., 0]).any()
+
+
+def test_an_extra_block_changes_no_noise(hundred):
+    """Another sensor and another random plant in the diagram: the same draws for those that were there."""
+    _, batch = hundred
+
+    def extra(builder, wired):
+        clock, trials = wired.clock, 100
+        other = builder.AddSystem(Sensor(Altitude(10.0), clock, trials, 3, name="altimeter"))
+        builder.Connect(wired.truth, other.GetInputPort("target"))
+        builder.Connect(wired.platforms, other.GetInputPort("platforms"))
+        drift = builder.AddSystem(ModelPlant(wired.truth_motion, clock, np.zeros(6), np.eye(6), trials, name="drift"))
+        return {"altimeter": other.GetOutputPort("measurement"), "drift": drift.GetOutputPort("state")}
+
+    signals = Packaged("three_satellite", 100, SHORT, extra=extra).run(seed=5)[1]
+    for port in batch:
+        np.testing.assert_array_equal(signals[port], batch[port], err_msg=port)
+    assert np.unique(signals["altimeter"]).size == signals["altimeter"].size
+
+
+def test_fewer_estimators_change_nothing_of_the_first(hundred):
+    """The first one's prediction resolves the phases; who else is there does not matter to it."""
+    _, batch = hundred
+    signals = Packaged("three_satellite", 100, SHORT, estimators=["iekf"]).run(seed=5)[1]
+    for port in signals:
+        np.testing.assert_array_equal(signals[port], batch[port], err_msg=port)
+
+
+def test_a_hundred_trials_cost_as_many_calls_as_one(monkeypatch):
+    """Sensor and filters are called once an epoch, whatever the number of trials."""
+    calls = collections.Counter()
+
+    def counted(kind, method):
+        original = getattr(kind, method)
+
+        def call(self, *arguments):
+            calls[f"{self.get_name()}.{method}"] += 1
+            return original(self, *arguments)
+
+        monkeypatch.setattr(kind, method, call)
+
+    counted(Sensor, "_measure")
+    for method in ("_calc_prior", "_calc_posterior"):
+        counted(Estimator, method)
+    counts = []
+    for trials in (1, 100):
+        calls.clear()
+        Packaged("three_satellite", trials, SHORT, ["iekf", "ekf", "ukf"]).run()
+        counts.append(dict(calls))
+    assert counts[0] == counts[1]
+    epochs = SHORT["duration_s"] + 1
+    for name in ("iekf", "ekf", "ukf"):
+        # once an epoch; the start and the last epoch, whose update is pending, may ask once more
+        assert epochs <= counts[0][f"{name}._calc_posterior"] <= epochs + 2
+        assert epochs <= counts[0][f"{name}._calc_prior"] <= epochs + 2
+    assert epochs <= counts[0]["sensor._measure"] <= epochs + 2
+    assert counts[0]["assumed_height._measure"] <= 2  # the height is assumed once
