@@ -35,8 +35,9 @@ from systems.motion.gauss_markov import GaussMarkov
 from systems.motion.stationary import Stationary
 from systems.motion.waypoints import WaypointPath
 from systems.plants.model_plant import ModelPlant
-from systems.plants.path import Navigation, Path
+from systems.plants.path import Path
 from systems.registry import estimator_options
+from systems.sensors.navigation import Navigation
 from systems.sensors.sensor import Sensor
 
 __all__ = ["SYSTEM", "Scenario", "observer_path", "target_state"]

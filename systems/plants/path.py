@@ -1,4 +1,4 @@
-"""A carrier on a known path, and what its navigation reports of it."""
+"""A carrier on a known path."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context
 
 from systems.signals import EnsembleBlock
 
-__all__ = ["Navigation", "Path"]
+__all__ = ["Path"]
 
 Array = NDArray[np.float64]
 
@@ -32,33 +32,3 @@ class Path(EnsembleBlock):
         super().__init__(name)
         self.at = at
         self.declare_output("state", 1, 6, lambda context: self.at(context.get_time())[None], {self.time_ticket()})
-
-
-class Navigation(EnsembleBlock):
-    """A carrier's state with an error of position: what estimators know of their platform.
-
-    Inputs ``platforms`` (1, 6) and ``error`` (trials, axes); output ``platforms`` (trials, 6).
-
-    Parameters
-    ----------
-    trials : int
-        Trials of the error.
-    axes : int
-        Its components: x and y, and z.
-    name : str
-        Name of the block.
-    """
-
-    def __init__(self, trials: int, axes: int = 2, name: str = "navigation") -> None:
-        super().__init__(name)
-        self._axes = axes
-        self.declare_input("platforms", 1, 6)
-        self.declare_input("error", trials, axes)
-        tickets = {self.input_ticket("platforms"), self.input_ticket("error")}
-        self.declare_output("platforms", trials, 6, self._report, tickets)
-
-    def _report(self, context: Context) -> Array:
-        error = self.read(context, "error")
-        reported = np.repeat(self.read(context, "platforms"), error.shape[0], axis=0)
-        reported[:, : self._axes] += error
-        return reported
