@@ -88,7 +88,7 @@ def test_a_leak_is_found(port):
     builder = DiagramBuilder()
     emitter = builder.AddSystem(StraightLine(place(*PLACES["(0,300)"]), name="emitter"))
     carriers = builder.AddSystem(DenseOrbit([[7.1e6, 0, 0, 0, 7.5e3, 0]], 10.0, name="satellites"))
-    model = Altitude(10.0)
+    model = Altitude(10.0)  # one row, six trials: as wide as a state
     block = builder.AddSystem(
         Ekf().make(
             "ekf", model, ConstantVelocity(0.1), GivenStart(np.zeros(6), np.eye(6)), Wiring(6, model.names, CLOCK, 1, 1)
