@@ -215,7 +215,8 @@ class Study:
         simulator.set_monitor(monitor)
         try:
             simulator.Initialize()
-            simulator.AdvanceTo(wired.duration)
+            # rounding may put the last tick a bit after the end: 3 * 0.1 > 0.3
+            simulator.AdvanceTo(max(wired.duration, *wired.clock.ticks(wired.duration)[-1:]))
         finally:
             simulator.clear_monitor()
         return context

@@ -114,7 +114,8 @@ def _below(satellite: Array, height: Array) -> Array:
 def _newton(delays: Array, satellites: Array, height: Array, start: Array) -> Array:
     """Solve for [c tau1, c tau2, h]; each trial stops when it has converged, NaN where it does not."""
     position = np.full(start.shape, np.nan)
-    active = np.flatnonzero(np.isfinite(np.sum(start, axis=-1) + np.sum(delays, axis=-1) + height))
+    known = np.sum(start, axis=-1) + np.sum(delays, axis=-1) + height + np.sum(satellites, axis=(-1, -2))
+    active = np.flatnonzero(np.isfinite(known))
     p, h, ranges = start[active], height[active], SPEED_OF_LIGHT * delays[active]
     s = satellites if satellites.shape[0] == 1 else satellites[active]
     for _ in range(_ITERATIONS):
