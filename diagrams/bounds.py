@@ -258,7 +258,8 @@ class StudyBounds:
 
     ``bound``: what the estimator's motion model allows (its process noise). ``bound_truth``: the same measurements and
     start, with the process noise of the motion that was simulated. Estimators whose sensor, motion and start are alike
-    share the work. Estimators whose state is not the truth's have no bound (NaN).
+    share the work. Estimators whose state is not the truth's have no bound (NaN);
+    neither has ``bound_truth`` where the truth moves as none of the motion models.
 
     Parameters
     ----------
@@ -301,14 +302,14 @@ class StudyBounds:
         self,
         name: str,
         estimator: Estimator,
-        motion: MotionModel,
+        motion: MotionModel | None,
         truth: Array,
         platforms: Array,
         present: Mask | None,
         done: list[tuple[tuple[Any, ...], Array]],
     ) -> Array:
         n = truth.shape[-1]
-        if not estimator.motion.size == motion.size == n:
+        if motion is None or not estimator.motion.size == motion.size == n:
             return np.full((len(QUANTITIES), self.times.size, 1), np.nan)
         start = self.wired.start_covariance(name, truth[:, 0], platforms[:, 0])
         model = estimator.bound_model
@@ -338,7 +339,8 @@ class StudyBounds:
         names = list(self.wired.estimators)
         for kind in ("bound", "bound_truth"):
             curves = [self._sums[name, kind].curves() for name in names]
-            for what in ("position", "velocity") if self.wired.frame == "inertial" else QUANTITIES:
+            # the others refer to the ellipsoid
+            for what in QUANTITIES if self.wired.frame in ("earth_fixed", "local") else ("position", "velocity"):
                 found[f"{kind}_{what}"] = (("estimator", "time"), np.stack([curve[what] for curve in curves]))
         return found
 

@@ -15,6 +15,7 @@ __all__ = ["SYSTEMS", "load_scenario", "select_estimators", "split_name", "syste
 SYSTEMS: dict[str, str] = {
     "three_satellite": "diagrams.three_satellite:SYSTEM",
     "bearing_crossing": "diagrams.bearing_crossing:SYSTEM",
+    "beacon_rocket": "diagrams.beacon_rocket:SYSTEM",
     "satellite_ranging": "diagrams.satellite_ranging:SYSTEM",
 }
 """Where each system is, as ``module:NAME``; a new system is one line here."""

@@ -86,12 +86,15 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
         ``position`` [m] and ``velocity`` [m/s]: length of the error vector. Signed, estimate minus truth:
         ``height`` above the WGS-84 ellipsoid, or z in local axes [m], horizontal ``speed`` [m/s], ``course`` clockwise
         from north [deg] in [-180, 180), NaN where truth or estimate is at rest. A state without a velocity has
-        ``position`` and ``height`` only, one in the plane no ``height``; in inertial axes (attribute
-        ``frame``) there are ``position`` and ``velocity`` only.
+        ``position`` and ``height`` only, one in the plane no ``height``; inertial and launch axes (attribute
+        ``frame``) have ``position`` and ``velocity`` only. Where the state has a component ``bias`` its signed error
+        is there as well.
     """
     states = [str(name) for name in dataset["state"].values]
     place = [states.index(name) for name in ("x", "y", "z") if name in states]
-    local = dataset.attrs.get("frame") == "local"
+    frame = dataset.attrs.get("frame", "earth_fixed")
+    local = frame == "local"
+    grounded = local or frame == "earth_fixed"
     moving = [states.index(name) for name in ("vx", "vy", "vz") if name in states]
     dims = ("estimator", "trial", "time")
     estimate = dataset["estimate"].transpose(*dims, "state").values
@@ -99,7 +102,6 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
     truth = truth.transpose("trial", "time", "state") if "trial" in truth.dims else truth.transpose("time", "state")
     known = np.broadcast_to(truth.values, estimate.shape)
     finite = np.isfinite(estimate)
-    inertial = dataset.attrs.get("frame") == "inertial"
     # A stand-in keeps the geometry free of NaN; what it gives is replaced by infinity below.
     usable = np.where(finite, estimate, known)
 
@@ -115,16 +117,19 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
         if moving:
             moved, true_moved = usable[..., moving], truth.values[..., moving]
             found["velocity"] = judged(np.linalg.norm(moved - true_moved, axis=-1), moving)
-        if not inertial and len(place) == 3:
+        if grounded and len(place) == 3:
             high = (here - there)[..., 2] if local else ecef_to_geodetic(here)[2] - ecef_to_geodetic(there)[2]
             found["height"] = judged(high, place)
-        if moving and not inertial:
+        if moving and grounded:
             both = [*place, *moving]
             course, speed = _course_speed(here, moved, local)
             true_course, true_speed = _course_speed(there, true_moved, local)
             found["speed"] = judged(speed - true_speed, both)
             turned = judged(np.degrees(wrap(course - true_course)), both)[1]
             found["course"] = dims, np.where(np.minimum(speed, true_speed) < _AT_REST, np.nan, turned)
+        if "bias" in states:
+            column = [states.index("bias")]
+            found["bias"] = judged((usable - known)[..., column[0]], column)
     names = {name: dataset[name] for name in dims if name in dataset.coords}
     return xr.Dataset(found, coords=names)
 
@@ -392,6 +397,8 @@ def _summarise_one(dataset: xr.Dataset) -> dict[str, Any]:
         return _plain(curves[name]) if name in curves else list(missing)
 
     summary: dict[str, Any] = {f"rmse_{name}_{unit}": curve(name) for name, unit in _UNITS.items()}
+    if "bias" in curves:
+        summary["rmse_bias_mps"] = curve("bias")
     summary["median_position_m"] = _plain(median(error["position"]).values[0])
     summary["nees_mean"] = _plain(nees["mean"].values[0])
     summary["nis_mean"] = _plain(nis["mean"].values[0])

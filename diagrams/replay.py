@@ -16,11 +16,12 @@ from diagrams.errors import UserError, choose
 if TYPE_CHECKING:
     from rich.table import Table
 
-__all__ = ["REPLAYS", "Dataset", "Replay", "data_folder", "replay"]
+__all__ = ["REPLAYS", "Dataset", "Kept", "Replay", "data_folder", "replay"]
 
 REPLAYS: dict[str, str] = {
     "locards": "diagrams.locards:DATASET",
     "bearings": "diagrams.bearings:DATASET",
+    "doptrack": "diagrams.doptrack:DATASET",
 }
 """Where each data set's `Dataset` is, as ``module:NAME``; a new replay is one line here."""
 
@@ -39,6 +40,18 @@ class Replay(Protocol):
 
     def draw(self, folder: Path) -> list[Path]:
         """Draw the figures into a folder and return their paths."""
+
+
+class Kept(Protocol):
+    """Recorded data that lie in the data folder."""
+
+    @property
+    def folder(self) -> str:
+        """Its folder within the data folder."""
+
+    @property
+    def source(self) -> str:
+        """Where anybody can get it."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +79,13 @@ class Dataset:
     takes_file: bool = False
 
 
-def data_folder(dataset: Dataset, data: Path | str | None) -> Path:
+def data_folder(dataset: Kept, data: Path | str | None) -> Path:
     """Return the folder of a recording.
 
     Parameters
     ----------
-    dataset : Dataset
-        The recording.
+    dataset : Kept
+        The recording, such as a `Dataset`.
     data : path, optional
         The data folder, or the recording's own; without it the environment variable ``QUIETFIX_DATA``.
 

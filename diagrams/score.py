@@ -50,14 +50,14 @@ class Score(EnsembleBlock):
     name : str
         Name of the block.
     trials, truth_trials, size : int
-        Trials of the estimate and of the truth, and the number of states that both have first.
+        Trials of the estimate and of the truth, and the number of states of the truth.
     estimate_size : int
-        States of the estimate; those behind `size` (biases, say) are not scored.
+        States of the estimate; only the states that both have first are scored.
     """
 
     def __init__(self, name: str, trials: int, truth_trials: int, size: int, estimate_size: int) -> None:
         super().__init__(name)
-        self._size, self._estimate_size = size, estimate_size
+        self._size, self._estimate_size = min(size, estimate_size), estimate_size
         self.declare_input("truth", truth_trials, size)
         self.declare_input("estimate", trials, estimate_size)
         self.declare_input("covariance", trials, estimate_size**2)
@@ -66,6 +66,6 @@ class Score(EnsembleBlock):
 
     def _calc(self, context: Context) -> Array:
         n, m = self._size, self._estimate_size
-        error = self.read(context, "estimate")[:, :n] - self.read(context, "truth")
+        error = self.read(context, "estimate")[:, :n] - self.read(context, "truth")[:, :n]
         covariance = self.read(context, "covariance").reshape(-1, m, m)[:, :n, :n]
         return normalised_error(error, covariance)[:, None]

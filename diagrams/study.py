@@ -109,7 +109,9 @@ class Study:
         probe, _, _ = self.wire(1)
         floats = sum(math.prod(shape) for shape in self._signals(probe)[1].values())
         ticks = len(probe.clock.ticks(probe.duration)) / self.request.every
-        return max(1, min(self.request.trials, _LARGEST_CHUNK, int(_CHUNK_BYTES / (8 * floats * ticks))))
+        fits = max(1, min(self.request.trials, _LARGEST_CHUNK, int(_CHUNK_BYTES / (8 * floats * ticks))))
+        # Chunks of equal width: the last one runs full and is cut, which wastes up to a whole chunk.
+        return math.ceil(self.request.trials / math.ceil(self.request.trials / fits))
 
     # ---- building
 
@@ -240,6 +242,9 @@ class Study:
             return stacked if columns else stacked[..., 0]
 
         truth = signals["truth"].swapaxes(0, 1)
+        # The truth may have states that no estimator of this study has, and the other way round.
+        missing = np.full((*truth.shape[:2], max(0, size - truth.shape[-1])), np.nan)
+        truth = np.concatenate([truth[..., :size], missing], axis=-1)
         shared = truth.shape[0] == 1
         carriers = self._carriers(signals, count)
         data: dict[str, Any] = {
@@ -262,7 +267,10 @@ class Study:
         if request.keep in ("measurements", "all"):
             data["measurement"] = (("trial", "time", "row"), signals["measurement"].swapaxes(0, 1)[:count])
             for name in wired.signals:
-                data[name] = (("trial", "time", f"{name}_row"), signals[name].swapaxes(0, 1)[:count])
+                log = signals[name].swapaxes(0, 1)[:count]
+                row = f"{name}_row"
+                alike = log.shape[0] == 1 < signals["measurement"].shape[1]  # one for all trials
+                data[name] = (("time", row), log[0]) if alike else (("trial", "time", row), log)
         if request.keep == "all":
             data["prediction"] = (("estimator", "trial", "time", "state"), per_estimator("prediction", size))
             rows = max(estimator.model.size for estimator in wired.estimators.values())

@@ -43,8 +43,9 @@ class Wired:
     start_covariance : callable
         ``(estimator name, truth (trials, n), platforms) -> (trials, n, n)``: covariance of the start at the truth;
         it is the prior of the bounds.
-    truth_motion : MotionModel
-        The motion that the truth really has, for the bound that does not know the filter's process noise.
+    truth_motion : MotionModel, optional
+        The motion that the truth really has, for the bound that does not know the filter's process noise; None where
+        it is none of the models (a rocket's thrust), and that bound is then NaN.
     start_uses_measurement : bool
         Whether the first epoch's measurement is spent on the start.
     signals : mapping of str to OutputPort
@@ -53,9 +54,9 @@ class Wired:
         Feedback connections (from block, to block) of the drawing.
     looks_ahead : sequence of str
         Estimators that use measurements before they are made (as a paper may); a summary says so.
-    frame : {'earth_fixed', 'inertial', 'local'}
-        Axes of all states; heights and courses mean nothing in inertial ones. ``local``: east, north and, where there
-        is a third axis, up, on a flat Earth.
+    frame : {'earth_fixed', 'inertial', 'local', 'launch'}
+        Axes of states and platforms; heights and courses mean nothing in inertial and launch ones. ``local``: east,
+        north and, where there is a third axis, up, on a flat Earth.
     convergence : float or None
         The convergence time is when the RMSE of the position falls below this for good [m]; None: as `metrics` has it.
     axes : int
@@ -72,7 +73,7 @@ class Wired:
     duration: float
     divergence: float
     start_covariance: Callable[[str, Array, Array], Array]
-    truth_motion: MotionModel
+    truth_motion: MotionModel | None
     start_uses_measurement: bool
     sensed: OutputPort | None = None
     signals: Mapping[str, OutputPort] = field(default_factory=dict)

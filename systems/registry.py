@@ -18,6 +18,8 @@ ESTIMATORS: dict[str, str] = {
     "range_bank": "systems.estimators.range_bank:RangeBank",
     "crossing": "systems.estimators.crossing:Crossing",
     "ml": "systems.estimators.ml:Ml",
+    "ukf_unaugmented": "systems.estimators.beacon:UkfUnaugmented",
+    "ukf_monitored": "systems.estimators.beacon:UkfMonitored",
     "ra": "systems.estimators.range_decomposed:Ra",
     "ra_paper": "systems.estimators.range_decomposed:RaPaper",
     "bank": "systems.estimators.bank:Bank",

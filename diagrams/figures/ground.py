@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 _CARRIERS = "0.35"
 _TARGET = "black"
+_PLANES = {"launch": ((0, "down-range X"), (2, "Z"))}
+"""Which two axes lie along the ground in a frame that is not Earth-fixed, and their names; else the first two."""
 
 
 def draw_ground(dataset: xr.Dataset) -> Figure:
@@ -32,9 +34,16 @@ def draw_ground(dataset: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
         Left: longitude and latitude, or east and north [km] in local axes; a dot is where a track begins. Right:
-        horizontal errors at the last epoch [km].
+        horizontal errors at the last epoch [km]. In inertial and launch axes: the same in the plane that lies along
+        the ground.
     """
     figure, (left, right) = new_figure(columns=2)
+    frame = dataset.attrs.get("frame", "earth_fixed")
+    if frame not in ("earth_fixed", "local"):
+        _draw_plane(left, right, dataset, _PLANES.get(frame, ((0, "x"), (1, "y"))))
+        figure.suptitle(title(dataset))
+        legend_outside(figure, right, markerscale=2.5)
+        return figure
     truth = dataset["truth"]
     if "trial" in truth.dims:
         _draw_tracks(left, truth.transpose("trial", "time", "state").values, dataset)
@@ -101,6 +110,37 @@ def _draw_tracks(axes: Any, target: Array, dataset: xr.Dataset) -> None:
     axes.margins(0.1)
     axes.legend(frameon=False, loc="best")
     grid(axes)
+
+
+def _draw_plane(left: Any, right: Any, dataset: xr.Dataset, plane: tuple[tuple[int, str], tuple[int, str]]) -> None:
+    (i, across), (j, up) = plane
+    known = dataset["truth"]
+    truth = known.transpose("trial", "time", "state").values if "trial" in known.dims else known.values[None]
+    if "platforms" in dataset:
+        carriers = dataset["platforms"].values
+        carriers = (carriers if carriers.ndim == 3 else carriers[0]) / 1e3
+        left.plot(carriers[..., i], carriers[..., j], color=_CARRIERS, linewidth=1.5)
+        left.plot(carriers[0, :, i], carriers[0, :, j], "o", color=_CARRIERS, markersize=6, label="carriers")
+        for k, place in enumerate(carriers[-1]):
+            left.annotate(str(k), place[[i, j]], xytext=(4, 2), textcoords="offset points", color=_CARRIERS)
+    for k, course in enumerate(truth[:20] / 1e3):
+        left.plot(course[:, i], course[:, j], color="#d55e00", linewidth=2.0, label="target" if k == 0 else None)
+    left.set(xlabel=f"{across} [km]", ylabel=f"{up} [km]", title="tracks seen from above")
+    left.legend(frameon=False, loc="best")
+    last = dataset.isel(time=-1)
+    difference = (last["estimate"] - last["truth"]).transpose("estimator", "trial", "state").values
+    for k, (name, look) in enumerate(looks(dataset).items()):
+        finite = difference[k][np.isfinite(difference[k][:, [i, j]]).all(axis=-1)]
+        right.plot(finite[:, i], finite[:, j], ".", color=look.color, markersize=5, label=name)
+    right.plot(0, 0, "+", color=_TARGET, markersize=14, markeredgewidth=2)
+    right.set(
+        xlabel=f"{across} [m]",
+        ylabel=f"{up} [m]",
+        title=f"estimate minus truth at {float(last['time']):g} s, one dot per trial",
+    )
+    for axes in (left, right):
+        axes.set_aspect("equal", adjustable="datalim")
+        grid(axes)
 
 
 def _draw_last_errors(axes: Any, dataset: xr.Dataset) -> None:

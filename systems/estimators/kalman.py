@@ -48,11 +48,15 @@ class KalmanEstimator(Estimator):
     def memory_sizes(self) -> Mapping[str, int]:
         """See `Estimator.memory_sizes`."""
         n = self.motion.size
-        return {"mean": n, "covariance": n * n}
+        sizes = {"mean": n, "covariance": n * n}
+        return {**sizes, "motion_input": self.motion.input_size} if self.motion.input_size else sizes
 
     def begin(self, mean: Array, covariance: Array, epoch: Epoch) -> Memory:
         """See `Estimator.begin`."""
-        return {"mean": np.array(mean), "covariance": np.reshape(covariance, (mean.shape[0], -1)).copy()}
+        memory = {"mean": np.array(mean), "covariance": np.reshape(covariance, (mean.shape[0], -1)).copy()}
+        if self.motion.input_size:
+            memory["motion_input"] = self.motion.initial_input(memory["mean"])
+        return memory
 
     def moments(self, memory: Memory) -> tuple[Array, Array]:
         """See `Estimator.moments`."""
@@ -61,8 +65,12 @@ class KalmanEstimator(Estimator):
 
     def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
         """See `Estimator.move`."""
-        mean, covariance = self.algorithm.predict(*self.moments(memory), self.motion, dt)
-        return {"mean": mean, "covariance": covariance.reshape(mean.shape[0], -1)}
+        motion, carried = self.motion, {}
+        if motion.input_size:
+            carried = {"motion_input": motion.next_input(memory["mean"], memory["motion_input"], dt)}
+            motion = motion.driven(carried["motion_input"])
+        mean, covariance = self.algorithm.predict(*self.moments(memory), motion, dt)
+        return {"mean": mean, "covariance": covariance.reshape(mean.shape[0], -1), **carried}
 
     def correct(
         self,
@@ -82,7 +90,7 @@ class KalmanEstimator(Estimator):
             covariance = np.where(lost[:, None, None], np.eye(mean.shape[-1]), covariance)
             measurement = np.where(lost[:, None], np.nan, measurement)
         result = self.algorithm.update(mean, covariance, measurement, platforms, self.model, whitener)
-        posterior = {"mean": result.mean, "covariance": result.covariance.reshape(mean.shape[0], -1)}
+        posterior = {**memory, "mean": result.mean, "covariance": result.covariance.reshape(mean.shape[0], -1)}
         if lost is not None:
             posterior = {group: np.where(lost[:, None], np.nan, value) for group, value in posterior.items()}
         return posterior, Innovation(result.innovation, result.nis, result.nis_dof)

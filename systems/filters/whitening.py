@@ -69,6 +69,11 @@ class Whitener:
         full = _inverse_root(np.where(complete, self._covariance, np.eye(m)))
         self._full = full if self._whole else np.where(complete, full, np.nan)
 
+    @property
+    def covariance(self) -> Array:
+        """R, as given."""
+        return self._covariance
+
     def matrix(self, missing: Mask | None) -> Array:
         """Return W, shape (m, m) or (..., m, m), for rows of which `missing` (..., m) are not there.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from systems.frames import up
 
-__all__ = ["EarthOccultation", "ElevationMask", "Mask"]
+__all__ = ["EarthOccultation", "ElevationMask", "Mask", "SphericalMask"]
 
 Array = NDArray[np.float64]
 
@@ -43,13 +43,17 @@ class ElevationMask:
         if not -math.pi / 2 <= self.minimum <= math.pi / 2:
             raise ValueError(f"elevation mask: {self.minimum} is not allowed; from -pi/2 to pi/2 rad")
 
+    def vertical(self, position: Array) -> Array:
+        """Return the upward unit vector at Earth-fixed positions (..., 3)."""
+        return up(position)
+
     def elevation(self, target: Array, platforms: Array) -> Array:
         """Return the elevation [rad], shape (..., p)."""
         offset = platforms[..., :3] - target[..., None, :3]
         if self.at == "target":
-            normal = up(target[..., :3])[..., None, :]
+            normal = self.vertical(target[..., :3])[..., None, :]
         else:
-            normal, offset = up(platforms[..., :3]), -offset
+            normal, offset = self.vertical(platforms[..., :3]), -offset
         height = np.einsum("...i,...i->...", normal, offset)
         distance = np.sqrt(np.einsum("...i,...i->...", offset, offset))
         # straight overhead, rounding can make the sine more than 1
@@ -58,6 +62,24 @@ class ElevationMask:
     def visible(self, target: Array, platforms: Array) -> NDArray[np.bool_]:
         """Return whether each platform is visible, shape (..., p)."""
         return self.elevation(target, platforms) >= self.minimum
+
+
+@dataclass(frozen=True)
+class SphericalMask(ElevationMask):
+    """The same over a spherical Earth, in any axes.
+
+    Parameters
+    ----------
+    centre : tuple of float
+        Centre of the Earth in the axes of target and platforms [m].
+    """
+
+    centre: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    def vertical(self, position: Array) -> Array:
+        """See `ElevationMask.vertical`."""
+        out = position - np.array(self.centre)
+        return out / np.linalg.norm(out, axis=-1, keepdims=True)
 
 
 @dataclass(frozen=True)

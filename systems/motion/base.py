@@ -20,13 +20,17 @@ class MotionModel(ABC):
     names, units : tuple of str
         Names and SI units of the state's components.
     linear : bool
-        True where `propagate` is ``transition @ state`` and the transition does not depend on the state;
-        an unscented filter then predicts in closed form.
+        True where `propagate` is ``transition @ state`` (plus the effect of an input that is held) and the transition
+        does not depend on the state; an unscented filter then predicts in closed form.
+    input_size : int
+        How many numbers per trial an estimator has to carry from step to step as an input of the motion (a mean
+        acceleration, say); with 0 the three methods for it are never called.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     linear: bool = False
+    input_size: int = 0
 
     @property
     def size(self) -> int:
@@ -44,3 +48,15 @@ class MotionModel(ABC):
     @abstractmethod
     def process_noise(self, state: Array, dt: float) -> Array:
         """Return the covariance of the process noise over `dt`, shape (..., n, n) or (n, n)."""
+
+    def initial_input(self, state: Array) -> Array:
+        """Return the input to begin with, shape (..., input_size)."""
+        raise NotImplementedError
+
+    def next_input(self, state: Array, previous: Array, dt: float) -> Array:
+        """Return the input of the step of `dt` seconds that begins at `state`, shape (..., input_size)."""
+        raise NotImplementedError
+
+    def driven(self, value: Array) -> MotionModel:
+        """Return the model with its input held at `value`, shape (..., input_size)."""
+        raise NotImplementedError

@@ -1,7 +1,7 @@
 """One study in a process of its own; prints what it took as one line of JSON.
 
-``python -m tests.benchmarks.one_study TRIALS SECONDS [chunks]``; 0 trials only imports. With ``chunks`` every chunk is
-forgotten before the next one runs, as on the command line, which writes it to the disk.
+``python -m tests.benchmarks.one_study TRIALS SECONDS [chunks] [SYSTEM]``; 0 trials only imports. With ``chunks`` every
+chunk is forgotten before the next one runs, as on the command line, which writes it to the disk.
 """
 
 from __future__ import annotations
@@ -34,6 +34,9 @@ def main() -> None:
     """Run and report."""
     trials, duration = int(sys.argv[1]), float(sys.argv[2])
     system, options = "three_satellite", {"trials": trials, "set": [f"duration_s={duration}"]}
+    if "beacon_rocket" in sys.argv[3:]:
+        system = "beacon_rocket"
+        options |= {"set": [f"stop_s={50.0 + duration}"], "estimators": ["ukf"]}
     report = {"seconds": 0.0, "trials": 0, "estimators": 0, "steps": 0}
     if trials:
         begun = time.perf_counter()

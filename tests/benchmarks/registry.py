@@ -14,6 +14,7 @@ COMPARISONS: dict[str, str] = {
     "iterated_filter": "tests.benchmarks.iterated_filter:compare",
     "diagram_overhead": "tests.benchmarks.diagram_overhead:compare",
     "one_linearisation": "tests.benchmarks.one_linearisation:compare",
+    "rocket_filter": "tests.benchmarks.rocket_filter:compare",
     "ensemble_size": "tests.benchmarks.ensemble_size:compare",
     "bearings_only": "tests.benchmarks.bearings_only:compare",
     "satellite_ranging": "tests.benchmarks.satellite_ranging:compare",

@@ -12,9 +12,11 @@ import numpy as np
 from systems.estimators.custom import Custom
 from systems.estimators.iekf import Iekf
 from systems.estimators.ukf import Ukf
+from systems.filters.common_mode import CommonModeMonitor
 from systems.filters.gaussian import GaussianFilter
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.modified_gain import ModifiedGainKalman
+from systems.filters.robust import StudentRows
 from systems.filters.unscented import UnscentedKalman
 from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed
 from systems.measurement.altitude import Altitude
@@ -23,6 +25,7 @@ from systems.measurement.bearing import Bearing
 from systems.measurement.direct_azimuth import DirectAzimuth
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.phase import InterferometerPhase
+from systems.measurement.range_rate import RangeRate
 from systems.measurement.ranged_position import RangedPosition
 from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
 from systems.measurement.stack import Stack
@@ -30,10 +33,13 @@ from systems.measurement.tdoa import Tdoa
 from systems.motion.azimuth_rate import AzimuthRate
 from systems.motion.base import MotionModel
 from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
+from systems.motion.current_statistical import CurrentStatistical
 from systems.motion.gauss_markov import GaussMarkov
 from systems.motion.gravity import GravityConstants
 from systems.motion.kepler import KeplerElements, mean_motion, state_of
 from systems.motion.orbital import OrbitalMotion
+from systems.motion.pass_oscillator import PassOscillator
+from systems.motion.random_walk import RandomWalk
 from systems.motion.stationary import Stationary
 from systems.registry import ESTIMATORS, locate
 
@@ -200,6 +206,9 @@ MEASUREMENTS = {
     "tdoa, stations": (Tdoa(50e-9, correlated=True, **_STATIONS), "stations"),
     "tdoa, stations, light time": (Tdoa(50e-9, light_time=True, **_STATIONS), "stations"),
     "fdoa, stations": (Fdoa(1.0, 1.09e9, **_STATIONS), "stations"),
+    "range rates, stations": (RangeRate(0.03, range(5)), "stations"),
+    "range rates at some stations": (RangeRate(0.03, [3, 1]), "stations"),
+    "range rates, target at rest": (RangeRate(0.03, [0, 2], at_rest=True), "satellites"),
     "altitude, stations": (Altitude(30.0), "stations"),
     "tdoa and altitude, stations": (
         Stack([Tdoa(50e-9, correlated=True, **_STATIONS), Altitude(30.0, "barometric")]),
@@ -246,12 +255,28 @@ class Turning(MotionModel):
 
 
 _STATE = np.array([6.4e6, -1e5, 2e5, 250.0, -120.0, 30.0])
+_LIMITS = [44.0, 14.0, 0.5], [-0.6, -9.7, -0.5]
+_FLIGHT = np.array(
+    [
+        [1e3, 5e3, -20.0, 80.0, 220.0, -1.0, 6.0, 5.7, -0.1, 220.0],
+        [9e3, 6e3, 50.0, 2e3, 1e3, -20.0, -0.1, -9.6, 0.3, 90.0],
+    ]
+)
 MOTIONS = {
     "constant velocity": (ConstantVelocity(0.1), _STATE + np.arange(5)[:, None] * [1e5, 2e4, -3e4, 10, 20, 30]),
     "constant velocity, standing still": (ConstantVelocity(0.0), _STATE[None]),
     "constant velocity, one axis": (ConstantVelocity(2.0, axes=1), np.array([[3e3, 20.0], [-1e3, 5.0]])),
     "white noise acceleration": (WhiteNoiseAcceleration(0.5), _STATE[None]),
     "white noise acceleration, plane": (WhiteNoiseAcceleration(0.5, axes=2), np.array([[1e3, -2e3, 10.0, 20.0]])),
+    "current statistical": (CurrentStatistical(0.01, *_LIMITS, 1.0, [20.0]), _FLIGHT),
+    "current statistical, input held": (
+        CurrentStatistical(0.3, *_LIMITS, 0.0, [20.0], mean=np.zeros(3)),
+        _FLIGHT,
+    ),
+    "current statistical, no bias": (CurrentStatistical(2.0, *_LIMITS, 5.0, [], "filtered"), _FLIGHT[:, :9]),
+    "random walk": (RandomWalk([0.1, 2.0], ["a", "b"], ["m/s", "rad"]), np.array([[1.0, 2.0], [30.0, -4.0]])),
+    "pass oscillator": (PassOscillator([1e3, 1.0, 1e-2], 100.0, 1e-6), np.array([[3e3, 2e3, 1e3, 300.0, 1.2, 0.01]])),
+    "pass oscillator, bias alone": (PassOscillator([1e3], 100.0), np.array([[3e3, 2e3, 1e3, 300.0]])),
     "orbit, two-body": (OrbitalMotion(j2=False), _between_satellites().targets),
     "orbit, j2": (OrbitalMotion(density=1e-6), _between_satellites().targets),
     "orbit, second order": (OrbitalMotion(j2=True, method="second_order"), _between_satellites().targets),
@@ -273,6 +298,10 @@ FILTERS: dict[str, GaussianFilter] = {
     "ukf": UnscentedKalman(),
     "ukf, alpha 0.5, beta 2": UnscentedKalman(0.5, 2.0, 0.0),
     "ukf, kappa": UnscentedKalman(1.0, 2.0, -3.0),
+    "common-mode monitor": CommonModeMonitor(),
+    "common-mode monitor, ekf": CommonModeMonitor(IteratedExtendedKalman(max_iterations=1), state=3),
+    # with finitely many degrees of freedom it is not the Kalman filter, and should not be
+    "student rows": StudentRows(IteratedExtendedKalman(), freedom=1e15),
     "ukf, alpha 0.1": UnscentedKalman(0.1, 2.0, 0.0),
 }
 """Every Gaussian filter, as bare functions."""

@@ -1,0 +1,522 @@
+"""A three-stage rocket seen as range rates whose beacon drifts: one bias shared by all stations.
+
+Shang, Xing and Gan, *Real-time processing of tracking data of maneuvering target in beacon-mode*, Control Theory &
+Applications 29 (2012) 59. Everything is in the launch frame: Earth-fixed axes at the launch site of a spherical Earth,
+X down-range, Y up. State of truth and estimates: position, velocity, acceleration, bias (the paper interleaves the
+axes).
+"""
+
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Union, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from diagrams.errors import UserError
+from diagrams.system import System, Wired
+from systems.clocks import Periodic
+from systems.documented import choice, count, documented, number
+from systems.estimators.base import Wiring
+from systems.estimators.options import EstimatorOptions
+from systems.estimators.start import PortStart
+from systems.measurement.geometry import line_of_sight
+from systems.measurement.range_rate import RangeRate
+from systems.measurement.visibility import SphericalMask
+from systems.motion.current_statistical import CurrentStatistical, MeanAcceleration
+from systems.motion.random_walk import RandomWalk as RandomWalkMotion
+from systems.motion.rocket import LaunchSite, RocketModel
+from systems.motion.rocket import Stage as RocketStage
+from systems.plants.joined import join
+from systems.plants.mode_schedule import ModeSchedule
+from systems.plants.model_plant import ModelPlant
+from systems.plants.oscillator import BiasLaw, OscillatorBias
+from systems.plants.rocket import Rocket as RocketPlant
+from systems.registry import estimator_options
+from systems.sensors.beacon import BeaconStations
+from systems.sensors.offset_prior import OffsetPrior
+from systems.signals import Constant, EnsembleBlock
+
+__all__ = ["SYSTEM", "Scenario", "launch_site", "rocket_model", "station_positions"]
+
+Array = NDArray[np.float64]
+
+if TYPE_CHECKING:
+    EstimatorChoice = EstimatorOptions
+else:
+    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
+
+_KM = 1e3
+_DEEPEST = 500.0  # m below the sphere; the lowest land is at -430 m
+_UNKNOWNS = ("x", "y", "z", "vx", "vy", "vz", "bias")  # of one sample
+
+
+@dataclass
+class Constants:
+    """Physical constants."""
+
+    mu_m3ps2: float = number("gravitational parameter of the Earth [m^3/s^2]", 3.986004418e14, above=0)
+    earth_radius_m: float = number("radius of the spherical Earth [m]", 6371e3, above=0)
+    earth_rate_radps: float = number("rotation rate of the Earth [rad/s]", 7.292115e-5)
+
+
+@dataclass
+class Site:
+    """Where the launch frame stands."""
+
+    latitude_deg: float = number("latitude [deg]", 38.85, at_least=-90, at_most=90)
+    longitude_deg: float = number("longitude [deg]", 111.61)
+    azimuth_deg: float = number("of X, clockwise from north [deg]", 190.0)
+
+
+@dataclass
+class Stage:
+    """A stage of a rocket."""
+
+    dry_t: float = number("mass without propellant [t]", 1.0, above=0)
+    propellant_t: float = number("propellant [t]", 10.0, above=0)
+    thrust_kn: float = number("thrust in vacuum [kN]", 100.0, above=0)
+    mass_flow_kgps: float = number("propellant used at full thrust [kg/s]", 30.0, above=0)
+    ignition_s: float = number("when it ignites [s]", 0.0, at_least=0)
+    cutoff_s: float | None = number("when it is cut off [s]; null: when the propellant is used up", None, above=0)
+    nozzle_area_m2: float = number("pressure loss over air pressure [m^2]", 0.0, at_least=0)
+
+
+@dataclass
+class Rocket:
+    """A rocket of several stages on a pitch program."""
+
+    stages: list[Stage] = documented("stages in the order of their burning", factory=list)
+    payload_t: float = number("payload [t]", 2.0, above=0)
+    fairing_t: float = number("fairing [t]", 1.5, at_least=0)
+    fairing_drop_s: float = number("when the fairing is dropped [s]", 200.0, above=0)
+    separation_s: float = number("a burnt-out stage is dropped this long after cut-off [s]", 1.0, at_least=0)
+    ramp_s: float = number("thrust rises and falls within this time [s]", 0.2, above=0)
+    reference_area_m2: float = number("area of the drag [m^2]", 8.8, at_least=0)
+    pitch_times_s: list[float] = documented("knots of the pitch program [s]", factory=lambda: [0.0, 400.0])
+    pitch_deg: list[float] = documented("pitch above the horizontal of the site [deg]", factory=lambda: [90.0, 0.0])
+    yaw_deg: float = number("final yaw towards -Z, turned in from 12 to 42 s [deg]", 1.0)
+
+
+@dataclass
+class Falcon9:
+    """The recorded flight of a Falcon 9 (speed and altitude off the webcast), read from the data folder."""
+
+    flight: str = choice("which flight", "Iridium_NEXT_6", ("Iridium_NEXT_6",))
+    smoothing_s: float = number("width of the smoothing of speed and altitude [s]", 4.0, above=0)
+    largest_gap_s: float = number("telemetry with a longer gap is refused [s]", 2.0, above=0)
+
+
+@dataclass
+class Track:
+    """A station by its place beside the ground track."""
+
+    down_km: float = number("down-range along the launch azimuth [km]", 0.0)
+    cross_km: float = number("across, towards +Z [km]", 0.0)
+    height_m: float = number("height [m]", 0.0)
+
+
+@dataclass
+class Geodetic:
+    """A station by latitude and longitude on the spherical Earth."""
+
+    latitude_deg: float = number("latitude [deg]", 38.85, at_least=-90, at_most=90)
+    longitude_deg: float = number("longitude [deg]", 111.61)
+    height_m: float = number("height [m]", 0.0)
+
+
+@dataclass
+class ConstantBias:
+    """The same at all times."""
+
+    bias_mps: float = number("bias [m/s]", 220.0)
+
+
+@dataclass
+class LinearBias:
+    """A line in the time since lift-off."""
+
+    bias_mps: float = number("bias at lift-off [m/s]", 88.0)
+    rate_mps2: float = number("its rate [m/s^2]", 0.1)
+
+
+@dataclass
+class PowerBias:
+    """(level + eps) t^exponent + rate t, t since lift-off; eps normal."""
+
+    level_mps: float = number("level [m/s]", 88.0)
+    exponent: float = number("exponent of the time in seconds", 0.05, at_least=0)
+    rate_mps2: float = number("rate [m/s^2]", 0.01)
+    sigma_eps_mps: float = number("standard deviation of eps, the same at all stations [m/s]", 1.0, at_least=0)
+    eps_per: str = choice("how often eps is drawn", "sample", ("sample", "run"))
+
+
+@dataclass
+class RandomWalkBias:
+    """A random walk of the oscillator from lift-off on."""
+
+    bias_mps: float = number("mean at lift-off [m/s]", 88.0)
+    sigma_bias_mps: float = number("its standard deviation over the trials [m/s]", 10.0, at_least=0)
+    density_m2ps3: float = number("variance gained per second [(m/s)^2/s]", 0.01, at_least=0)
+
+
+@dataclass
+class Window:
+    """When the transponder is locked."""
+
+    begin_s: float = number("from [s]", 180.0)
+    end_s: float = number("until [s]", 230.0)
+
+
+@dataclass
+class Mode:
+    """Which of beacon and transponder is received."""
+
+    transponder: list[Window] = documented("when the transponder is locked; else the beacon", factory=list)
+    uplink_station: int = count("station whose signal the transponder returns", 0, at_least=0)
+    late_stations: list[int] = documented("stations that switch later than the others", factory=list)
+    late_samples: int = count("how many samples later", 1)
+
+
+@dataclass
+class Sensor:
+    """What the stations measure."""
+
+    sigma_mps: float = number("standard deviation of a range rate [m/s]", 0.03, above=0)
+    sigma_station_residual_mps: float = number(
+        "each station's own constant part of the beacon's bias [m/s]", 0.0, at_least=0
+    )
+    minimum_elevation_deg: float | None = number(
+        "a station sees the rocket above this elevation [deg]; null: always, even through the Earth", None,
+        at_least=-90, at_most=89,
+    )  # fmt: skip
+
+
+@dataclass
+class Initial:
+    """Error of the start."""
+
+    position_m: float = number("error of the position on every axis [m]", 50.0)
+    velocity_mps: float = number("error of the velocity on every axis [m/s]", 1.0)
+    random_signs: bool = documented("draw the signs of the errors per trial", False)
+
+
+@dataclass
+class Belief:
+    """What the estimators believe; null means: as the truth."""
+
+    alpha_hz: float = number("manoeuvre frequency of the current statistical model [1/s]", 0.01, above=0)
+    mean_acceleration: str = choice(
+        "mean acceleration: the estimate, or filtered by the paper's eq. (9)", "estimate", ("estimate", "filtered")
+    )
+    a_max_mps2: list[float] | None = documented("largest acceleration per axis; null: of the flight [m/s^2]", None)
+    a_min_mps2: list[float] | None = documented("smallest acceleration per axis; null: of the flight [m/s^2]", None)
+    limit_margin: float = number("factor on the limits of the flight", 1.0, above=0)
+    sigma_floor_mps2: float = number("least sigma of the acceleration [m/s^2]", 1.0, at_least=0)
+    bias_variance_per_step_m2ps2: float = number("process noise of the bias per period [(m/s)^2]", 1.0, at_least=0)
+    sigma_position_m: float = number("start [m]", 50.0, above=0)
+    sigma_velocity_mps: float = number("start [m/s]", 1.0, above=0)
+    sigma_acceleration_mps2: float = number("start [m/s^2]", 5.0, above=0)
+    sigma_bias_mps: float = number("start [m/s]; the bias starts at 0", 300.0, above=0)
+    sigma_mps: float | None = number("standard deviation of a range rate [m/s]", None, above=0)
+
+
+@dataclass
+class Scenario:
+    """Scenario of `beacon_rocket`."""
+
+    start_s: float = number("tracking begins this long after lift-off [s]", 50.0, at_least=0)
+    stop_s: float = number("tracking ends [s]", 300.0, above=0)
+    period_s: float = number("time between samples [s]", 0.05, above=0)
+    divergence_m: float = number("a trial further off than this at the end has diverged [m]", 1e3, above=0)
+    constants: Constants = documented("physical constants", factory=Constants)
+    site: Site = documented("launch site: origin and axes of the launch frame", factory=Site)
+    vehicle: Rocket | Falcon9 = documented("what flies, !Rocket or !Falcon9", factory=Rocket)
+    stations: list[Track | Geodetic] = documented("stations, !Track or !Geodetic", factory=list)
+    bias: ConstantBias | LinearBias | PowerBias | RandomWalkBias = documented(
+        "the beacon's bias, !ConstantBias, !LinearBias, !PowerBias or !RandomWalkBias", factory=ConstantBias
+    )
+    mode: Mode = documented("beacon or transponder", factory=Mode)
+    sensor: Sensor = documented("what the stations measure", factory=Sensor)
+    initial: Initial = documented("error of the start", factory=Initial)
+    belief: Belief = documented("what the estimators believe", factory=Belief)
+    estimators: dict[str, EstimatorChoice] = documented("the estimators side by side", factory=dict)
+
+
+# ---------------------------------------------------------------------------------------------- truth and places
+
+
+def launch_site(scenario: Scenario) -> LaunchSite:
+    """Return the launch frame."""
+    site, constants = scenario.site, scenario.constants
+    return LaunchSite(
+        math.radians(site.latitude_deg),
+        math.radians(site.longitude_deg),
+        math.radians(site.azimuth_deg),
+        constants.earth_radius_m,
+        constants.earth_rate_radps,
+    )
+
+
+def rocket_model(scenario: Scenario) -> RocketModel:
+    """Return the rocket's equations of motion.
+
+    Raises
+    ------
+    UserError
+        If the vehicle is not a `Rocket`.
+    """
+    v = scenario.vehicle
+    if not isinstance(v, Rocket):
+        raise UserError(f"vehicle: {type(v).__name__} is recorded; equations of motion are for !Rocket")
+    stages = [
+        RocketStage(
+            1e3 * s.dry_t,
+            1e3 * s.propellant_t,
+            1e3 * s.thrust_kn,
+            s.mass_flow_kgps,
+            s.ignition_s,
+            math.inf if s.cutoff_s is None else s.cutoff_s,
+            s.nozzle_area_m2,
+        )
+        for s in v.stages
+    ]
+    return RocketModel(
+        launch_site(scenario),
+        stages,
+        1e3 * v.payload_t,
+        1e3 * v.fairing_t,
+        v.fairing_drop_s,
+        v.pitch_times_s,
+        np.radians(v.pitch_deg),
+        math.radians(v.yaw_deg),
+        v.reference_area_m2,
+        v.ramp_s,
+        v.separation_s,
+        scenario.constants.mu_m3ps2,
+    )
+
+
+def station_positions(scenario: Scenario) -> Array:
+    """Return the stations in the launch frame [m], shape (stations, 3).
+
+    Raises
+    ------
+    UserError
+        If there is none, or one is inside the Earth.
+    """
+    if not scenario.stations:
+        raise UserError("stations: none is given; at least one is needed")
+    site, places = launch_site(scenario), []
+    for i, station in enumerate(scenario.stations):
+        if station.height_m < -_DEEPEST:
+            raise UserError(
+                f"stations.{i}.height_m: {station.height_m:g} is not allowed; the station would be inside the Earth "
+                f"(>= {-_DEEPEST:g} m)"
+            )
+        if isinstance(station, Track):
+            places.append(site.from_track(station.down_km * _KM, station.cross_km * _KM, station.height_m))
+        else:
+            angles = math.radians(station.latitude_deg), math.radians(station.longitude_deg)
+            places.append(site.from_geodetic(*angles, station.height_m))
+    return np.array(places)
+
+
+def _vehicle(scenario: Scenario) -> EnsembleBlock:
+    """Return the block with the ports state, acceleration and stage."""
+    if isinstance(scenario.vehicle, Rocket):
+        return RocketPlant(rocket_model(scenario), scenario.stop_s, name="rocket")
+    from diagrams.falcon9 import falcon9_plant
+
+    return falcon9_plant(scenario.vehicle, launch_site(scenario), scenario.stop_s)
+
+
+def _limits(scenario: Scenario, plant: Any) -> tuple[Array, Array]:
+    """Return the largest and smallest acceleration per axis that the estimators believe in."""
+    belief = scenario.belief
+    for name in ("a_max_mps2", "a_min_mps2"):
+        value = getattr(belief, name)
+        if value is not None and len(value) != 3:
+            raise UserError(f"belief.{name}: {value} is not allowed; three numbers")
+    times = np.arange(scenario.start_s, scenario.stop_s, scenario.period_s)
+    flown = np.array([plant.at(float(t))[1] for t in times])
+    largest = np.maximum(flown.max(axis=0), 0.0) * belief.limit_margin
+    smallest = np.minimum(flown.min(axis=0), 0.0) * belief.limit_margin
+    return (
+        largest if belief.a_max_mps2 is None else np.array(belief.a_max_mps2),
+        smallest if belief.a_min_mps2 is None else np.array(belief.a_min_mps2),
+    )
+
+
+def _warn_unobservable(positions: Array, plant: Any, scenario: Scenario) -> None:
+    """Say what too few stations leave open in one sample."""
+    if len(positions) >= len(_UNKNOWNS):
+        return
+    state = plant.at(0.5 * (scenario.start_s + scenario.stop_s))[0]
+    still = np.concatenate([positions, np.zeros_like(positions)], axis=-1)
+    sight = line_of_sight(state, still)
+    # Lengths are scaled by the mean range over the speed, so that all columns are per m/s.
+    scale = sight.distance.mean() / np.linalg.norm(state[3:])
+    rows = np.concatenate([sight.range_rate_gradient * scale, sight.direction, np.ones((len(positions), 1))], axis=-1)
+    free = np.linalg.svd(rows)[2][len(positions) :]
+    share = np.einsum("ki,ki->i", free, free)
+    named = [_UNKNOWNS[i] for i in np.argsort(-share) if share[i] > 0.5] or [_UNKNOWNS[int(np.argmax(share))]]
+    warnings.warn(
+        f"stations: {len(positions)} for the {len(_UNKNOWNS)} unknowns of a sample ({', '.join(_UNKNOWNS)}); "
+        f"{len(free)} combinations are unobservable but through the motion, mostly {', '.join(named)}",
+        stacklevel=2,
+    )
+
+
+# ------------------------------------------------------------------------------------------------------- wiring
+
+
+def _add_bias(builder: DiagramBuilder, scenario: Scenario, clock: Periodic, trials: int) -> OutputPort:
+    bias = scenario.bias
+    if isinstance(bias, RandomWalkBias):
+        walk = RandomWalkMotion([bias.density_m2ps3], ["bias"], ["m/s"])
+        spread = [[bias.sigma_bias_mps**2]]
+        return builder.AddSystem(
+            ModelPlant(walk, clock, [bias.bias_mps], spread, trials, name="oscillator")
+        ).GetOutputPort("state")
+    if isinstance(bias, ConstantBias):
+        law = BiasLaw(bias.bias_mps)
+    elif isinstance(bias, LinearBias):
+        law = BiasLaw(bias.bias_mps, rate=bias.rate_mps2)
+    else:
+        per: Any = bias.eps_per
+        law = BiasLaw(bias.level_mps, bias.exponent, bias.rate_mps2, bias.sigma_eps_mps, per)
+    return builder.AddSystem(OscillatorBias(law, clock, trials)).GetOutputPort("state")
+
+
+def _mode_block(scenario: Scenario, stations: int) -> ModeSchedule:
+    mode = scenario.mode
+    outside = [i for i in [*mode.late_stations, mode.uplink_station] if not 0 <= i < stations]
+    if outside:
+        raise UserError(f"mode: station {outside[0]} is not known; there are 0 to {stations - 1}")
+    delays = np.zeros(stations)
+    delays[mode.late_stations] = mode.late_samples * scenario.period_s
+    return ModeSchedule([(w.begin_s, w.end_s) for w in mode.transponder], delays)
+
+
+def _start_covariance(belief: Belief, biased: bool) -> Array:
+    sigmas = [belief.sigma_position_m] * 3 + [belief.sigma_velocity_mps] * 3 + [belief.sigma_acceleration_mps2] * 3
+    return np.diag(np.square([*sigmas, belief.sigma_bias_mps] if biased else sigmas))
+
+
+def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str], trials: int) -> Wired:
+    """Put rocket, oscillator, stations, prior and estimators into a diagram; see `diagrams.system.System`."""
+    if scenario.stop_s < scenario.start_s + scenario.period_s:
+        raise UserError(f"stop_s: {scenario.stop_s:g} is not allowed; it must be after start_s {scenario.start_s:g}")
+    belief = scenario.belief
+    clock = Periodic(scenario.period_s, scenario.start_s)
+    positions = station_positions(scenario)
+    count_ = len(positions)
+    vehicle = builder.AddSystem(_vehicle(scenario))
+    _warn_unobservable(positions, vehicle, scenario)
+    site = builder.AddSystem(Constant("sites", np.concatenate([positions, np.zeros_like(positions)], axis=1).ravel()))
+    platforms = site.GetOutputPort("state")
+    bias = _add_bias(builder, scenario, clock, trials)
+    mode = builder.AddSystem(_mode_block(scenario, count_))
+
+    mask = None
+    if scenario.sensor.minimum_elevation_deg is not None:
+        centre = launch_site(scenario).centre
+        mask = SphericalMask(math.radians(scenario.sensor.minimum_elevation_deg), "platform", tuple(centre))
+    stations = builder.AddSystem(
+        BeaconStations(
+            RangeRate(scenario.sensor.sigma_mps, range(count_)),
+            clock,
+            trials,
+            count_,
+            target_trials=vehicle.output_size("state")[0],
+            bias_trials=bias.get_system().output_size("state")[0],
+            uplink=scenario.mode.uplink_station,
+            sigma_residual=scenario.sensor.sigma_station_residual_mps,
+            mask=mask,
+        )
+    )
+    builder.Connect(vehicle.GetOutputPort("state"), stations.GetInputPort("target"))
+    builder.Connect(platforms, stations.GetInputPort("platforms"))
+    builder.Connect(bias, stations.GetInputPort("bias"))
+    builder.Connect(mode.GetOutputPort("mode"), stations.GetInputPort("mode"))
+    measured = stations.GetOutputPort("measurement")
+
+    truth = join(
+        builder,
+        {
+            "state": vehicle.GetOutputPort("state"),
+            "acceleration": vehicle.GetOutputPort("acceleration"),
+            "common": stations.GetOutputPort("common"),
+        },
+    )
+    initial = scenario.initial
+    prior = builder.AddSystem(
+        OffsetPrior(
+            [initial.position_m] * 3 + [initial.velocity_mps] * 3 + [0.0] * 4,
+            [True] * 9 + [False],
+            (10, 9),
+            scenario.start_s,
+            trials,
+            truth_trials=truth.output_size("state")[0],
+            random_signs=initial.random_signs,
+        )
+    )
+    builder.Connect(truth.GetOutputPort("state"), prior.GetInputPort("truth"))
+
+    largest, smallest = _limits(scenario, vehicle)
+    density = belief.bias_variance_per_step_m2ps2 / scenario.period_s
+    sigma = scenario.sensor.sigma_mps if belief.sigma_mps is None else belief.sigma_mps
+    wiring = Wiring(trials, RangeRate(sigma, range(count_)).names, clock, platforms=count_)
+    blocks = {}
+    for name in estimators:
+        options = scenario.estimators[name]
+        if options.measurements not in ([], ["range_rate"]):
+            raise UserError(f"estimators.{name}.measurements: {options.measurements} is not allowed; range_rate")
+        biased = getattr(options, "estimates_bias", True)
+        motion = CurrentStatistical(
+            belief.alpha_hz,
+            largest,
+            smallest,
+            belief.sigma_floor_mps2,
+            [density] if biased else [],
+            cast(MeanAcceleration, belief.mean_acceleration),
+        )
+        model = RangeRate(sigma, range(count_), 9 if biased else None)
+        start = PortStart(_start_covariance(belief, biased))
+        block = builder.AddSystem(options.make(name, model, motion, start, wiring))
+        builder.Connect(measured, block.GetInputPort("measurement"))
+        builder.Connect(platforms, block.GetInputPort("platforms"))
+        builder.Connect(prior.GetOutputPort(f"initial_estimate_{motion.size}"), block.GetInputPort("initial_estimate"))
+        blocks[name] = block
+
+    def start_covariance(name: str, target: Array, carriers: Array) -> Array:
+        p = _start_covariance(belief, blocks[name].motion.size == 10)
+        return np.broadcast_to(p, (target.shape[0], *p.shape))
+
+    return Wired(
+        truth=truth.GetOutputPort("state"),
+        platforms=platforms,
+        measurement=measured,
+        estimators=blocks,
+        clock=clock,
+        duration=scenario.stop_s,
+        divergence=scenario.divergence_m,
+        start_covariance=start_covariance,
+        truth_motion=None,
+        start_uses_measurement=False,
+        signals={"mode": mode.GetOutputPort("mode"), "stage": vehicle.GetOutputPort("stage")},
+        frame="launch",
+    )
+
+
+SYSTEM = System(
+    name="beacon_rocket",
+    title="three-stage rocket, range rates at many stations, the beacon's drift as one shared bias",
+    scenario=Scenario,
+    wire=wire,
+)

@@ -1,0 +1,101 @@
+"""A rocket as truth: the equations of motion solved once, from event to event, and read as a function of time."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context
+from scipy.integrate import OdeSolution, solve_ivp
+
+from systems.motion.rocket import RocketModel
+from systems.signals import EnsembleBlock
+
+__all__ = ["Rocket", "fly"]
+
+Array = NDArray[np.float64]
+
+_RTOL = 1e-10
+_ATOL = np.array([1e-6] * 3 + [1e-9] * 3)  # m, m/s
+
+
+def fly(model: RocketModel, end: float, method: str = "DOP853", rtol: float = _RTOL) -> list[tuple[float, OdeSolution]]:
+    """Return (begin of segment, dense solution) from ignition of the first stage to `end`, split at every event.
+
+    Inside a segment nothing jumps, so that a jump is exact whatever the samples are.
+
+    Raises
+    ------
+    ValueError
+        If the rocket falls back to the ground.
+    """
+    start = model.stages[0].ignition
+    inside = [t for t in model.events().tolist() if start < t < end]
+    knots = [start, *inside, end]
+    state = np.zeros(6)
+    found = []
+    for begin, stop in pairwise(knots):
+        middle = 0.5 * (begin + stop)
+        solution = solve_ivp(
+            lambda t, x, m=middle: model.derivative(t, x, m),
+            (begin, stop),
+            state,
+            method=method,
+            rtol=rtol,
+            atol=_ATOL,
+            dense_output=True,
+        )
+        if not solution.success:
+            raise ValueError(
+                f"rocket: the flight cannot be integrated beyond {solution.t[-1]:g} s ({solution.message})"
+            )
+        state = solution.y[:, -1]
+        if float(model.site.height(state[:3])) < -1.0:
+            raise ValueError(f"rocket: it falls back to the ground before {stop:g} s")
+        found.append((begin, solution.sol))
+    return found
+
+
+class Rocket(EnsembleBlock):
+    """Truth shared by all trials, as a dense function of the time since lift-off.
+
+    Ports, all outputs: ``state`` (1, 6) launch-frame position [m] and velocity [m/s]; ``acceleration`` (1, 3)
+    relative to the launch frame [m/s^2]; ``stage`` (1, 1) the lowest stage attached, 0 for the first. At an event
+    they show what holds after it.
+
+    Parameters
+    ----------
+    model : RocketModel
+        The rocket.
+    end : float
+        How long it is flown [s]; later states are NaN.
+    name : str
+        Name of the block.
+    """
+
+    def __init__(self, model: RocketModel, end: float, name: str = "rocket") -> None:
+        super().__init__(name)
+        self.model = model
+        self.end = float(end)
+        self._segments = fly(model, self.end)
+        self._begins = np.array([begin for begin, _ in self._segments])
+        ticket = {self.time_ticket()}
+        self.declare_output("state", 1, 6, lambda c: self.at(c.get_time())[0][None], ticket)
+        self.declare_output("acceleration", 1, 3, lambda c: self.at(c.get_time())[1][None], ticket)
+        self.declare_output("stage", 1, 1, self._stage, ticket)
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Return state (6,) and acceleration (3,) at `time` [s]; at rest before lift-off, NaN after the end."""
+        if time > self.end:
+            return np.full(6, np.nan), np.full(3, np.nan)
+        if time < self._begins[0]:
+            return np.zeros(6), np.zeros(3)
+        i = int(np.searchsorted(self._begins, time, side="right")) - 1
+        begin, solution = self._segments[i]
+        stop = self._begins[i + 1] if i + 1 < self._begins.size else self.end
+        state = np.asarray(solution(time))
+        return state, self.model.acceleration(time, state, 0.5 * (begin + stop))
+
+    def _stage(self, context: Context) -> Array:
+        return np.array([[float(self.model.stage(context.get_time()))]])
