@@ -111,6 +111,12 @@ class Belief:
     sigma_elevation_deg: float | None = number("standard deviation of an elevation [deg]", None, above=0)
 
 
+_NOTE = (
+    "Where lines of bearing cross at a small angle the error of their crossing has no variance: read the medians, here "
+    "and in summary.json, not the RMSE."
+)
+
+
 @dataclass
 class Scenario:
     """Scenario of `bearing_crossing`."""
@@ -283,6 +289,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         frame="local",
         axes=axes,
         stream=list(model.names),
+        note=_NOTE if any(isinstance(scenario.estimators[name], Crossing) for name in estimators) else "",
     )
 
 

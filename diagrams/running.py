@@ -94,13 +94,13 @@ def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
     variant = f":{dataset.attrs['variant']}" if dataset.attrs["variant"] else ""
     table = Table(
         title=f"{dataset.attrs['system']}{variant}, {dataset.sizes['trial']} trials, seed {dataset.attrs['seed']}",
-        caption="RMSE of position at each time; height, velocity, NEES and the bound (with the filter's own process "
-        "noise) at the end",
+        caption="RMSE of position at each time; at the end: median and bound (filter's process noise) of position, "
+        "RMSE of height and velocity, mean NEES",
     )
     table.add_column("estimator", no_wrap=True)
     for i in picks:
         table.add_column(escape(f"{times[i]:g} s [m]"), justify="right")
-    for title in ("bound [m]", "height [m]", "velocity [m/s]", "NEES", "diverged"):
+    for title in ("median [m]", "bound [m]", "height [m]", "velocity [m/s]", "NEES", "diverged"):
         table.add_column(escape(title), justify="right")
     for name, row in estimators.items():
         table.add_row(
@@ -108,11 +108,13 @@ def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
             *(_cell(row["rmse_position_m"][i]) for i in picks),
             *(
                 _cell(_last(row, key))
-                for key in ("bound_position_m", "rmse_height_m", "rmse_velocity_mps", "nees_mean")
+                for key in ("median_position_m", "bound_position_m", "rmse_height_m", "rmse_velocity_mps", "nees_mean")
             ),
             str(row["diverged"]),
         )
     print_table(table)
+    if dataset.attrs.get("note"):
+        print(dataset.attrs["note"])
 
 
 def _last(row: Mapping[str, Any], key: str) -> float | None:

@@ -306,6 +306,7 @@ class Study:
             "every": request.every,
             "version": _version(),
             "frame": wired.frame,
+            "note": wired.note,
             "divergence_m": wired.divergence,
             "scenario": dump(request.scenario, comments=False),
             **({"looks_ahead": ",".join(wired.looks_ahead)} if wired.looks_ahead else {}),

@@ -57,6 +57,8 @@ class Wired:
     frame : {'earth_fixed', 'inertial', 'local', 'launch'}
         Axes of states and platforms; heights and courses mean nothing in inertial and launch ones. ``local``: east,
         north and, where there is a third axis, up, on a flat Earth.
+    note : str
+        What a reader of the results must know; printed below the table.
     convergence : float or None
         The convergence time is when the RMSE of the position falls below this for good [m]; None: as `metrics` has it.
     axes : int
@@ -80,6 +82,7 @@ class Wired:
     dashed: Sequence[tuple[str, str]] = ()
     looks_ahead: Sequence[str] = ()
     frame: str = "earth_fixed"
+    note: str = ""
     convergence: float | None = None
     axes: int = 3
     stream: Sequence[str] | None = None

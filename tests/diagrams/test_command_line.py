@@ -92,6 +92,14 @@ def test_run_writes_a_whole_folder_and_runs_again_from_it(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"first", "second"}
 
 
+def test_table_warns_where_an_rmse_means_little(capsys):
+    common = ["run", "bearing_crossing", "--trials", "2", "--set", "duration_s=20"]
+    status, out, err = in_process(capsys, *common, "--estimator", "way2_first")
+    assert status == 0, err
+    assert "has no variance" in out
+    assert "has no variance" not in in_process(capsys, *common, "--estimator", "ml")[1]
+
+
 @pytest.mark.parametrize("suffix", ["svg", "png"])
 def test_draw(capsys, tmp_path, suffix):
     file = tmp_path / f"picture.{suffix}"

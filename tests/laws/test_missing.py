@@ -104,17 +104,19 @@ def test_every_row_missing_for_twenty_epochs(name):
     assert np.all(error < 6)  # six sigma in six dimensions: probability 1e-6 for a filter that is consistent
 
 
-@pytest.mark.parametrize("what", ["measurement", "platforms", "start"])
+@pytest.mark.parametrize("what", ["measurement", "platforms", "mean", "covariance"])
 @pytest.mark.parametrize("name", estimators())
 def test_a_trial_that_is_nan_changes_no_other(name, what):
+    """Nothing measured, carriers unknown, no start, or a belief that is lost: the other trials go on."""
     options = estimators()[name]
     scene = Scene(TRIALS, 20)
     scene.platforms = np.tile(scene.platforms, (1, TRIALS, 1))
+    scene.covariance = np.tile(scene.covariance, (TRIALS, 1, 1))
     clean = scene.run(name, options)
     broken = scene.only(slice(None))
-    setattr(broken, {"start": "mean"}.get(what, what), getattr(broken, {"start": "mean"}.get(what, what)).copy())
-    if what == "start":
-        broken.mean[3] = np.nan
+    setattr(broken, what, getattr(scene, what).copy())
+    if what in ("mean", "covariance"):
+        getattr(broken, what)[3] = np.nan
     else:
         getattr(broken, what)[:, 3] = np.nan
     values = broken.run(name, options)
@@ -126,8 +128,11 @@ def test_a_trial_that_is_nan_changes_no_other(name, what):
         assert np.all(difference <= (tolerance or 1e-9 * sigma))
     np.testing.assert_allclose(values["covariance"][:, others], clean["covariance"][:, others], rtol=1e-5)
     np.testing.assert_array_equal(values["nis_dof"][:, others], clean["nis_dof"][:, others])
+    if what == "covariance":
+        assert np.isnan(values["covariance"][:, 3]).all()
+        return
     assert not values["nis_dof"][:, 3].any() and np.isnan(values["nis"][:, 3]).all()
-    if what == "start":
+    if what == "mean":
         assert np.isnan(values["estimate"][:, 3]).all()
     else:
         x = broken.mean[3] + np.arange(20)[:, None] * np.concatenate([broken.mean[3, 3:], np.zeros(3)])

@@ -112,6 +112,17 @@ def test_a_direction_that_misses_the_earth_has_no_solution(method):
     assert np.isnan(fix).all()
 
 
+def test_all_three_must_see_it():
+    """At the horizon of one of them there is a place that two see: no fix there."""
+    targets = place(np.linspace(2600e3, 2900e3, 200), np.zeros(200))
+    seen = ElevationMask().visible(targets, MIDDLE)
+    some, everyone = seen.any(axis=-1) & ~seen.all(axis=-1), seen.all(axis=-1)
+    assert some.sum() > 2 and everyone.sum() > 2
+    fix = known_height_fix(tdoa().predict(targets, MIDDLE), MIDDLE, np.full(200, 10e3), start=targets[:, :3])
+    assert np.isnan(fix[some]).all()
+    np.testing.assert_allclose(fix[everyone], targets[everyone, :3], atol=1e-3)  # grazing: height over range is flat
+
+
 # ------------------------------------------------------------------------------------------------ covariance P1
 
 # Reference (a), at mid pass: 20 ns, 3 km, 10 m per axis. sqrt tr P1 [m], of which TDOA alone, satellites, height.

@@ -72,6 +72,17 @@ def test_a_wrong_height_hardly_moves_the_phase(where, height_error):
     assert np.abs(integers).max() >= 1  # or nothing was wrapped
 
 
+@pytest.mark.parametrize("side", [300e3, -300e3])
+def test_the_side_is_the_predictions(side):
+    """Delays along one line do not tell left from right of the track; the filter does."""
+    line = satellites(PASS / 2, "line")[None]
+    target = place(50e3, side)[None]
+    measurement = STREAM.represent(STREAM.predict(target, line))
+    prediction = place(60e3, 1.1 * side)[None]
+    value, _ = resolved(measurement, prediction, line)
+    np.testing.assert_allclose(value[:, 4:], phase().predict(target, line), atol=1e-6)
+
+
 def test_every_trial_for_itself():
     _, measurement, prediction = scene(6)
     clean, _ = resolved(measurement, prediction)

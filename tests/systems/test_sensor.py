@@ -88,11 +88,27 @@ def test_a_singular_covariance_is_drawn_as_it_is():
     assert abs(noise[..., 0].std() - 2.0) < 0.2
 
 
-def test_noise_is_a_function_of_seed_name_trial_and_tick():
+@pytest.mark.parametrize("name", MEASUREMENTS)
+def test_a_trial_alone_is_bit_equal(name):
+    """Also where rows are correlated: what mixes them must not depend on the size of the batch."""
+    model, geometry = MEASUREMENTS[name]
+    scene = {"target": GEOMETRIES[geometry].targets[0], "platforms": GEOMETRIES[geometry].platforms[0]}
+    whole = simulate(model, 100, 5.0, **scene)[1]
+    np.testing.assert_array_equal(simulate(model, 1, 5.0, Draw(5, 37), **scene)[1][:, 0], whole[:, 37])
+    np.testing.assert_array_equal(simulate(model, 7, 5.0, Draw(5, 33), **scene)[1], whole[:, 33:40])
+
+
+def test_a_dense_covariance_is_bit_equal_too():
+    a = np.random.default_rng(3).normal(size=(9, 9))
+    model = Linear(a[:, :6], a @ a.T + np.eye(9))
+    whole = simulate(model, 100, 5.0)[1]
+    np.testing.assert_array_equal(simulate(model, 1, 5.0, Draw(5, 37))[1][:, 0], whole[:, 37])
+    np.testing.assert_array_equal(simulate(model, 7, 5.0, Draw(5, 33))[1], whole[:, 33:40])
+
+
+def test_noise_is_a_function_of_seed_and_name():
     whole = simulate(six(), 100, 5.0)[1]
     np.testing.assert_array_equal(simulate(six(), 100, 5.0)[1], whole)
-    np.testing.assert_array_equal(simulate(six(), 1, 5.0, Draw(5, 37))[1][:, 0], whole[:, 37])
-    np.testing.assert_array_equal(simulate(six(), 7, 5.0, Draw(5, 33))[1], whole[:, 33:40])
     assert np.all(simulate(six(), 100, 5.0, Draw(6))[1] != whole)
     assert np.all(simulate(six(), 100, 5.0, name="other")[1] != whole)
 
