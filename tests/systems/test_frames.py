@@ -151,3 +151,26 @@ def test_nadir_frame_of_an_earth_fixed_state_is_the_inertial_one_turned():
     turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
     got = frames.nadir_frame_earth_fixed(fixed[..., :3], fixed[..., 3:])
     np.testing.assert_allclose(got @ turn, frames.nadir_frame(x), atol=1e-14)
+
+
+def test_vertical_is_the_normal_and_the_height_of_pymap3d():
+    """Everywhere from the poles to the equator, from under the sea to the geostationary ring, also beside a NaN."""
+    latitude = np.concatenate([np.linspace(-np.pi / 2, np.pi / 2, 181), [1e-12, -1e-9, np.pi / 2 - 1e-9]])
+    longitude = np.linspace(-np.pi, np.pi, latitude.size)
+    normal = np.stack(
+        [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)], axis=-1
+    )
+    for height in (-10e3, 0.0, 12e3, 700e3, 36000e3):
+        position = frames.geodetic_to_ecef(latitude, longitude, height)
+        up_, above = frames.vertical(position)
+        np.testing.assert_allclose(up_, normal, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(above, height, rtol=0, atol=4 * np.spacing(7e6 + abs(height)))
+        np.testing.assert_allclose(
+            above, frames.ecef_to_geodetic(position)[2], rtol=0, atol=8 * np.spacing(7e6 + abs(height))
+        )
+    position[7] = np.nan
+    alone, height = frames.vertical(position)
+    assert np.isnan(alone[7]).all() and np.isnan(height[7])
+    others = np.arange(latitude.size) != 7
+    np.testing.assert_array_equal(alone[others], up_[others])
+    np.testing.assert_array_equal(frames.vertical(position[3])[0], alone[3])
