@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 KEEP = ("estimates", "covariance", "measurements", "all")
 """What of each trial is kept; errors, NEES and NIS always are."""
 
-_CHUNK_BYTES = 1.5e8  # of recorded signals; a log, its stacked copy and the Dataset stand beside each other
+_CHUNK_BYTES = 1e8  # of recorded signals; a log, its stacked copy and the Dataset stand beside each other
 _LARGEST_CHUNK = 2000  # trials; wider arrays leave the processor's cache and gain nothing
 
 
@@ -185,14 +185,17 @@ class Study:
                 count = min(width, request.trials - done)
                 context = self._run(simulator, diagram, recorders, wired, bar, done, width)
                 times, signals = recorder.result(context)
-                path = recorders[1].result(context)[1]
+                path = signals if request.every == 1 else recorders[1].result(context)[1]
                 present = np.isfinite(path["sensed"].swapaxes(0, 1)[:count])
                 bounds.add(path["truth"].swapaxes(0, 1)[:count], self._carriers(path, count), count, present)
                 chunk = self._dataset(times, signals, wired, request.first_trial + done, count)
                 if done + count == request.trials:
                     kept = np.isin(bounds.times, times)
                     chunk = chunk.assign({name: (dims, v[:, kept]) for name, (dims, v) in bounds.variables().items()})
+                # a generator keeps its variables while it waits and while the next chunk runs
+                del context, signals, path, present
                 yield chunk
+                del chunk
 
     def _run(
         self,

@@ -10,6 +10,7 @@ instants are compared by `same_instant`, and what has been used at the one is no
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -127,8 +128,8 @@ class Times:
 
 
 def _find(ticks: NDArray[np.float64], time: float) -> int | None:
-    k = int(np.searchsorted(ticks, time - _slack(time)))
-    return k if k < ticks.size and same_instant(time, float(ticks[k])) else None
+    k = bisect_left(ticks, time - _slack(time))
+    return k if k < len(ticks) and same_instant(time, float(ticks[k])) else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ irregular sampling are one code path, and ``prediction`` does not feed through a
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -65,12 +65,37 @@ class Wiring:
             raise ValueError(f"platforms have {self.platform_trials} trials; 1 or {self.trials} are allowed")
 
 
-class Epoch(NamedTuple):
-    """Which instant it is: time [s], index of the tick (None between ticks), and the run's random numbers."""
+class Epoch:
+    """Which instant it is.
 
-    time: float
-    tick: int | None
-    draw: Draw
+    Parameters
+    ----------
+    time : float
+        [s].
+    tick : int, callable or None
+        Index of the tick, None between ticks; a callable is asked only when somebody wants to know.
+    draw : Draw or callable
+        The run's random numbers; likewise.
+    """
+
+    __slots__ = ("_draw", "_tick", "time")
+
+    def __init__(
+        self, time: float, tick: int | Callable[[], int | None] | None, draw: Draw | Callable[[], Draw]
+    ) -> None:
+        self.time = time
+        self._tick = tick
+        self._draw = draw
+
+    @property
+    def tick(self) -> int | None:
+        """Index of the tick, None between ticks."""
+        return self._tick() if callable(self._tick) else self._tick
+
+    @property
+    def draw(self) -> Draw:
+        """The run's random numbers."""
+        return self._draw() if callable(self._draw) else self._draw
 
 
 class Innovation(NamedTuple):
@@ -233,7 +258,7 @@ class Estimator(EnsembleBlock):
 
     def _epoch(self, context: Context) -> Epoch:
         time = context.get_time()
-        return Epoch(time, self.wiring.clock.index(time), self.draw(context))
+        return Epoch(time, lambda: self.wiring.clock.index(time), lambda: self.draw(context))
 
     def _group(self, context: Context, group: str) -> Array:
         index, size = self._groups[group]

@@ -65,7 +65,7 @@ def _run(trials: int, duration: float, *mode: str) -> dict[str, Any]:
     command = [sys.executable, "-m", "tests.benchmarks.one_study", str(trials), str(duration), *mode]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise RuntimeError(f"a study of {trials} trials failed:\n{done.stderr}")
+        raise RuntimeError(f"a study of {trials} trials ended with status {done.returncode}:\n{done.stderr}")
     report = json.loads(done.stdout.splitlines()[-1])
     assert report["trials"] == trials, f"{report['trials']} trials were run instead of {trials}"
     return report
