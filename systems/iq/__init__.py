@@ -1,0 +1,1 @@
+"""Complex baseband samples: what they are, how they are made and how they travel."""
