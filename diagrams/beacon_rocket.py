@@ -40,6 +40,7 @@ from systems.measurement.geometry import line_of_sight
 from systems.measurement.range_rate import RangeRate
 from systems.measurement.visibility import SphericalMask
 from systems.motion.current_statistical import CurrentStatistical, MeanAcceleration
+from systems.motion.known_flight import KnownFlight
 from systems.motion.random_walk import RandomWalk as RandomWalkMotion
 from systems.plants.joined import join
 from systems.plants.mode_schedule import ModeSchedule
@@ -248,6 +249,19 @@ def _mode_block(scenario: Scenario, stations: int) -> ModeSchedule:
     return ModeSchedule([(w.begin_s, w.end_s) for w in mode.transponder], delays)
 
 
+def _truth_motion(scenario: Scenario) -> KnownFlight | None:
+    """Return the motion that the bounds may believe in: the flown acceleration known, the bias's law too.
+
+    None where the bias is none of a state's: redrawn at every sample, growing with a power of time, or jumping to the
+    transponder's range rate and back.
+    """
+    if any(w.end_s > scenario.start_s and w.begin_s < scenario.stop_s for w in scenario.mode.transponder):
+        return None
+    if isinstance(scenario.bias, RandomWalkBias):
+        return KnownFlight([scenario.bias.density_m2ps3])
+    return KnownFlight([0.0]) if isinstance(scenario.bias, ConstantBias | LinearBias) else None
+
+
 def _start_covariance(belief: Belief, biased: bool) -> Array:
     sigmas = [belief.sigma_position_m] * 3 + [belief.sigma_velocity_mps] * 3 + [belief.sigma_acceleration_mps2] * 3
     return np.diag(np.square([*sigmas, belief.sigma_bias_mps] if biased else sigmas))
@@ -352,7 +366,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         duration=scenario.stop_s,
         divergence=scenario.divergence_m,
         start_covariance=start_covariance,
-        truth_motion=None,
+        truth_motion=_truth_motion(scenario),
         start_uses_measurement=False,
         signals={"mode": mode.GetOutputPort("mode"), "stage": vehicle.GetOutputPort("stage")},
         frame="launch",

@@ -39,6 +39,7 @@ from systems.motion.current_statistical import CurrentStatistical
 from systems.motion.gauss_markov import GaussMarkov
 from systems.motion.gravity import GravityConstants
 from systems.motion.kepler import KeplerElements, mean_motion, state_of
+from systems.motion.known_flight import KnownFlight
 from systems.motion.orbital import OrbitalMotion
 from systems.motion.pass_oscillator import PassOscillator
 from systems.motion.random_walk import RandomWalk
@@ -284,6 +285,7 @@ MOTIONS = {
         _FLIGHT,
     ),
     "current statistical, no bias": (CurrentStatistical(2.0, *_LIMITS, 5.0, [], "filtered"), _FLIGHT[:, :9]),
+    "known flight": (KnownFlight([20.0]), _FLIGHT),
     "random walk": (RandomWalk([0.1, 2.0], ["a", "b"], ["m/s", "rad"]), np.array([[1.0, 2.0], [30.0, -4.0]])),
     "pass oscillator": (PassOscillator([1e3, 1.0, 1e-2], 100.0, 1e-6), np.array([[3e3, 2e3, 1e3, 300.0, 1.2, 0.01]])),
     "pass oscillator, bias alone": (PassOscillator([1e3], 100.0), np.array([[3e3, 2e3, 1e3, 300.0]])),
