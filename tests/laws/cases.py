@@ -23,8 +23,10 @@ from systems.measurement.altitude import Altitude
 from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.bearing import Bearing
 from systems.measurement.direct_azimuth import DirectAzimuth
+from systems.measurement.direction import Direction, DirectionCosines
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.phase import InterferometerPhase
+from systems.measurement.position import Position
 from systems.measurement.range_rate import RangeRate
 from systems.measurement.ranged_position import RangedPosition
 from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
@@ -224,6 +226,14 @@ MEASUREMENTS = {
     "bearing, elevation": (Bearing(np.radians(2.0), np.radians(1.0)), "aircraft"),
     "bearings of two": (Stack([Bearing(0.03), _renamed(Bearing(0.02, platform=1))]), "aircraft"),
     "direct azimuth": (DirectAzimuth(0.03), "angles"),
+    "direction": (Direction(0.01), "satellites"),
+    "direction, another carrier": (Direction(0.01, 0.02, platform=2), "satellites"),
+    "direction cosines": (DirectionCosines(0.01), "satellites"),
+    "direction, delay, doppler": (
+        Stack([Direction(0.01), tdoa(receivers=(1,)), fdoa(receivers=(1,), light_time=True)]),
+        "satellites",
+    ),
+    "position": (Position(5e3), "satellites"),
 }
 """Every measurement model, in every option that changes its mathematics: model and geometry."""
 
