@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,12 +14,12 @@ from systems.measurement.light_time import EARTH_RATE
 from systems.measurement.phase import wrap
 from systems.measurement.sighted import SightedModel
 
-__all__ = ["Direction", "DirectionCosines"]
+__all__ = ["BodyDirection", "Direction", "DirectionCosines"]
 
 Array = NDArray[np.float64]
 
 
-class _BodyDirection(SightedModel):
+class BodyDirection(SightedModel):
     """What the direction models share: the line of sight of one carrier in its body frame."""
 
     units = ("rad", "rad")
@@ -30,12 +32,16 @@ class _BodyDirection(SightedModel):
         """Return the body frame (..., 3, 3) and the unit vector to the target in it, its axis first, (3, ...)."""
         frame, u = body_frame(platforms, self.platform, self.earth_rate), sight.direction[..., self.platform, :]
         # Written out: for a cloud of particles it is several times faster than einsum over axes of three.
-        return frame, np.stack(
-            [
-                frame[..., i, 0] * u[..., 0] + frame[..., i, 1] * u[..., 1] + frame[..., i, 2] * u[..., 2]
-                for i in range(3)
-            ]
-        )
+        x, y, z = u[..., 0], u[..., 1], u[..., 2]
+        return frame, np.stack([frame[..., i, 0] * x + frame[..., i, 1] * y + frame[..., i, 2] * z for i in range(3)])
+
+    @abstractmethod
+    def unit_vector(self, measured: Array, platforms: Array) -> Array:
+        """Return the Earth-fixed direction (..., 3) that a measurement (..., 2) means; NaN where there is none."""
+
+    def _earth_fixed(self, body: Array, platforms: Array) -> Array:
+        frame = body_frame(platforms, self.platform, self.earth_rate)
+        return np.einsum("...ij,...i->...j", frame, body)
 
     def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
         """Only the carrier that takes the direction."""
@@ -44,7 +50,7 @@ class _BodyDirection(SightedModel):
         return used
 
 
-class Direction(_BodyDirection):
+class Direction(BodyDirection):
     r"""Azimuth and depression of a target in the body frame of a carrier that points to nadir.
 
     .. math:: \alpha = \operatorname{atan2}(y_b, x_b), \qquad \varepsilon = \operatorname{atan2}(z_b, \rho_b), \qquad
@@ -112,6 +118,13 @@ class Direction(_BodyDirection):
             jacobian[..., 1, :3] = (ground * ez - (z / ground) * (x * ex + y * ey)) / distance
         return self._angles(body), jacobian
 
+    def unit_vector(self, measured: Array, platforms: Array) -> Array:
+        """Return the Earth-fixed direction (..., 3) that azimuth and depression (..., 2) mean."""
+        azimuth, depression = measured[..., 0], measured[..., 1]
+        level = np.cos(depression)
+        body = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(depression)], axis=-1)
+        return self._earth_fixed(body, platforms)
+
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""
         return np.diag([self.sigma**2, self.sigma_depression**2])
@@ -125,7 +138,7 @@ class Direction(_BodyDirection):
         return wrap(value)
 
 
-class DirectionCosines(_BodyDirection):
+class DirectionCosines(BodyDirection):
     r"""Direction cosines along and across the track: what azimuth and depression cannot say near nadir.
 
     .. math:: c_x = x_b/r, \qquad c_y = y_b/r
@@ -159,6 +172,12 @@ class DirectionCosines(_BodyDirection):
         distance = sight.distance[..., self.platform, None, None]
         jacobian[..., :3] = (frame[..., :2, :] - cosines[..., None] * u) / distance
         return cosines, jacobian
+
+    def unit_vector(self, measured: Array, platforms: Array) -> Array:
+        """Return the Earth-fixed direction (..., 3), downwards, of cosines (..., 2); NaN where they are impossible."""
+        down = 1 - np.sum(measured * measured, axis=-1, keepdims=True)
+        down = np.sqrt(np.where(down >= 0, down, np.nan))
+        return self._earth_fixed(np.concatenate([measured, down], axis=-1), platforms)
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""
