@@ -165,6 +165,34 @@ def gdop(
 
 
 @app.command()
+def compare(
+    systems: Annotated[list[str], typer.Argument(metavar="SYSTEM[:VARIANT]...", help="One or more systems.")],
+    estimators: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--estimator",
+            metavar="NAME",
+            help="Names of the scenario or registry, package.module:Class, `default` or `all`.  [default: those of "
+            "the scenario, and ekf, iekf, ukf, pf]",
+        ),
+    ] = None,
+    trials: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Monte Carlo trials.")] = 100,
+    seed: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Seed of all noise.")] = 0,
+    at: Annotated[float | None, typer.Option(metavar="T", help="RMSE at this time [s].  [default: the end]")] = None,
+    settings: Annotated[list[str] | None, _SET] = None,
+    scenario: Annotated[Path | None, _SCENARIO] = None,
+    format_: Annotated[str, typer.Option("--format", help="table or markdown.")] = "table",
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write comparison.json, results, figures.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+) -> None:
+    """Compare estimators on one stream of measurements: errors, bounds, consistency, cost, who is the best."""
+    from diagrams.comparing import compare_command
+
+    options = {"estimators": estimators, "trials": trials, "seed": seed, "set": settings, "scenario": scenario}
+    compare_command(systems, options, at, format_, out, overwrite)
+
+
+@app.command()
 def replay(
     dataset: Annotated[str, typer.Argument(metavar="DATASET", help="Which recording; see `quietfix list`.")],
     file: Annotated[
