@@ -135,7 +135,8 @@ def interval(found: Replicates, confidence: float = 0.95) -> Interval:
     Returns
     -------
     Interval
-        Order statistics of the resamples, so infinite ones do no harm; (-inf, inf) where the value is NaN.
+        Order statistics of the resamples, so infinite ones do no harm (the plain percentiles then); (-inf, inf) where
+        the value is NaN.
     """
     if not 0 < confidence < 1:
         raise ValueError(f"confidence: {confidence} is not allowed; between 0 and 1")
@@ -143,7 +144,7 @@ def interval(found: Replicates, confidence: float = 0.95) -> Interval:
     count = resampled.shape[0]
     with np.errstate(invalid="ignore", divide="ignore"):
         below = ((resampled < value).sum(axis=0) + 0.5 * (resampled == value).sum(axis=0)) / count
-        shift = ndtri(np.clip(below, 0.5 / count, 1 - 0.5 / count))
+        shift = np.where(np.isfinite(value), ndtri(np.clip(below, 0.5 / count, 1 - 0.5 / count)), 0.0)
         lever = found.left_out.mean(axis=0) - found.left_out
         acceleration = (lever**3).sum(axis=0) / (6 * (lever**2).sum(axis=0) ** 1.5)
     acceleration = np.where(np.isfinite(acceleration), acceleration, 0.0)  # all alike, or a lost trial

@@ -221,6 +221,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command; a user's mistake is one line on standard error and exit status 2."""
     from diagrams.errors import UserError
 
+    sys.path.append("")  # a user's own class may lie in the folder where the command is given
     try:
         status = app(args=arguments, standalone_mode=False, prog_name="quietfix")
     except UserError as error:

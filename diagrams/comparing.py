@@ -131,7 +131,8 @@ def comparison_markdown(found: Sequence[Mapping[str, Any]]) -> str:
     for one in found:
         name = one["system"] + (f":{one['variant']}" if one["variant"] else "")
         lines.append(f"| **{name}**, {one['time_s']:g} s |" + " |" * (len(titles) - 1))
-        lines += ["| `" + row[0] + "` | " + " | ".join(row[1:]) + " |" for row in _rows(one)]
+        named = (f"`{row[0]}`".replace(" (not causal)`", "` (not causal)") for row in _rows(one))
+        lines += [f"| {n} | " + " | ".join(row[1:]) + " |" for n, row in zip(named, _rows(one), strict=True)]
     first = found[0]
     seconds = ", ".join(f"{one['system']} {one['run_seconds']:.0f} s" for one in found)
     lines += ["", f"{first['trials']} trials, seed {first['seed']}; {first['machine']}; {seconds}. {_legend(first)}"]
