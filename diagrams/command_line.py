@@ -193,6 +193,34 @@ def compare(
 
 
 @app.command()
+def sweep(
+    system: Annotated[str, _SYSTEM],
+    vary: Annotated[
+        str,
+        typer.Option(
+            metavar="KEY=A:B:N",
+            help="Field of the scenario and its values: from A to B in N points, KEY=log:A:B:N by a factor, or "
+            "KEY=V1,V2,...",
+            show_default=False,
+        ),
+    ],
+    estimators: Annotated[list[str] | None, _ESTIMATOR] = None,
+    trials: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Monte Carlo trials.")] = 100,
+    seed: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Seed of all noise.")] = 0,
+    at: Annotated[float | None, typer.Option(metavar="T", help="Errors at this time [s].  [default: the end]")] = None,
+    settings: Annotated[list[str] | None, _SET] = None,
+    scenario: Annotated[Path | None, _SCENARIO] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write sweep.json, results and a figure.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+) -> None:
+    """Vary one number of a scenario on the same noise: what a mismatch costs, and whether the covariance tells."""
+    from diagrams.sweeping import sweep_command
+
+    options = {"estimators": estimators, "trials": trials, "seed": seed, "at": at, "set": settings}
+    sweep_command(system, vary, options | {"scenario": scenario}, out, overwrite)
+
+
+@app.command()
 def replay(
     dataset: Annotated[str, typer.Argument(metavar="DATASET", help="Which recording; see `quietfix list`.")],
     file: Annotated[

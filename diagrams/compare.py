@@ -32,7 +32,20 @@ from diagrams.study import Study, join
 from diagrams.system import Wired
 from systems.registry import ESTIMATORS
 
-__all__ = ["STANDARD", "ComparedStudy", "Lineup", "compare", "line_up", "machine", "nearest_epoch", "prepare", "statistics"]
+__all__ = [
+    "STANDARD",
+    "ComparedStudy",
+    "Lineup",
+    "compare",
+    "entry",
+    "line_up",
+    "machine",
+    "nearest_epoch",
+    "nees_entry",
+    "plain",
+    "prepare",
+    "statistics",
+]
 
 Array = NDArray[np.float64]
 
@@ -296,14 +309,14 @@ def statistics(
         replicates.append(found)
         both = interval(found, confidence)
         row: dict[str, Any] = {"causal": name not in not_causal}
-        row["rmse_position_m"], row["armse_position_m"] = (_entry(both, i) for i in range(2))
-        row["median_position_m"] = _plain(median(error).values[0, epoch])
+        row["rmse_position_m"], row["armse_position_m"] = (entry(both, i) for i in range(2))
+        row["median_position_m"] = plain(median(error).values[0, epoch])
         row |= _efficiency(one, Interval(*(part[0] for part in both)), epoch)
-        row |= _nees(one["nees"].values[0, :, epoch], study.states[name], draws, confidence)
+        row |= nees_entry(one["nees"].values[0, :, epoch], study.states[name], draws, confidence)
         lost = int(diverged(one).sum())
         tail = binomtest(lost, draws.trials).proportion_ci(confidence, "exact")
         row["diverged"], row["diverged_rate"] = lost, {"low": float(tail.low), "high": float(tail.high)}
-        row["cost_us"] = _plain(costs[name])
+        row["cost_us"] = plain(costs[name])
         rows[name] = row
     return {
         "system": dataset.attrs["system"],
@@ -344,7 +357,7 @@ def _best(
     parts = [replicates[names.index(name)] for name in causal]
     joined = Replicates(*(np.stack([part[..., column] for part in same], axis=-1) for same in zip(*parts, strict=True)))
     best, ratios, significant = best_of(joined, confidence)
-    ratio = {name: _entry(ratios, i) for i, name in enumerate(causal) if i != best}
+    ratio = {name: entry(ratios, i) for i, name in enumerate(causal) if i != best}
     order = np.argsort(np.where(np.isnan(joined.value), np.inf, joined.value), kind="stable")
     runner_up = next((causal[i] for i in order if i != best), None)
     return {"name": causal[best], "significant": significant, "runner_up": runner_up, "ratio": ratio}
@@ -359,14 +372,14 @@ def _efficiency(one: xr.Dataset, rmse: Interval, epoch: int) -> dict[str, Any]:
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = Interval(*(part / bound[epoch] for part in rmse))
     return {
-        "bound_position_m": _plain(bound[epoch]),
-        "efficiency": _entry(ratio),
+        "bound_position_m": plain(bound[epoch]),
+        "efficiency": entry(ratio),
         # the two bounds differ by the process noise only
         "efficiency_means_something": bool(np.isfinite(bound[epoch]) and np.allclose(bound, of_truth, rtol=1e-6)),
     }
 
 
-def _nees(values: Array, states: int, draws: PairedBootstrap, confidence: float) -> dict[str, Any]:
+def nees_entry(values: Array, states: int, draws: PairedBootstrap, confidence: float) -> dict[str, Any]:
     """Return the mean NEES per state, the band of a consistent filter, and where it lies."""
     count = int(np.isfinite(values).sum())
     found = interval(draws.apply(values[:, None] / states, lambda means: means), confidence)
@@ -378,17 +391,18 @@ def _nees(values: Array, states: int, draws: PairedBootstrap, confidence: float)
     band = None if not count else {"low": lower, "high": upper}
     return {
         "states": states,
-        "nees_per_state": _entry(found, 0),
+        "nees_per_state": entry(found, 0),
         "nees_band": band,
         "nees_verdict": verdict,
     }
 
 
-def _entry(found: Interval, index: int | tuple[()] = ()) -> dict[str, float | None]:
-    return {name: _plain(np.asarray(part)[index]) for name, part in found._asdict().items()}
+def entry(found: Interval, index: int | tuple[()] = ()) -> dict[str, float | None]:
+    """Return one value with its interval, as JSON has it."""
+    return {name: plain(np.asarray(part)[index]) for name, part in found._asdict().items()}
 
 
-def _plain(value: Any) -> float | None:
+def plain(value: Any) -> float | None:
     """Return a Python float, None for what JSON cannot say."""
     return float(value) if math.isfinite(value) else None
 

@@ -17,7 +17,7 @@ from diagrams.compare import ComparedStudy, Lineup, prepare, statistics
 from diagrams.errors import UserError, choose
 from diagrams.results import OutputFolder, open_result, write_summary
 from diagrams.study import join
-from diagrams.tables import print_table
+from diagrams.tables import number, print_table, with_interval
 
 __all__ = ["FORMATS", "comparison_markdown", "comparison_table", "compare_command"]
 
@@ -145,23 +145,23 @@ def _rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
         cells = []
         for metric in ("rmse_position_m", "armse_position_m"):
             best = found["best"][metric]
-            cell = _with_interval(row[metric])
+            cell = with_interval(row[metric])
             cells.append(f"{_BEST}{cell}{_BEST}" if best and best["significant"] and best["name"] == name else cell)
-        efficiency = _number(row["efficiency"]["value"])
+        efficiency = number(row["efficiency"]["value"])
         if efficiency != "-" and not row["efficiency_means_something"]:
             efficiency += _NOT_EFFICIENT
-        nees = _number(row["nees_per_state"]["value"])
+        nees = number(row["nees_per_state"]["value"])
         verdict = row["nees_verdict"]
         shown = name if row["causal"] else f"{name} (not causal)"
         rows.append(
             (
                 shown,
                 *cells,
-                _number(row["median_position_m"]),
+                number(row["median_position_m"]),
                 efficiency,
                 nees if verdict in (None, "in band") else f"{nees} {verdict}",
                 str(row["diverged"]),
-                _number(row["cost_us"]),
+                number(row["cost_us"]),
             )
         )
     return rows
@@ -190,23 +190,9 @@ def print_notes(found: Mapping[str, Any]) -> None:
         ratio = best["ratio"][best["runner_up"]]
         print(
             f"{words}: {best['name']} is {'' if best['significant'] else 'not '}significantly the best; "
-            f"{best['runner_up']} / {best['name']} = {_number(ratio['value'])} "
-            f"({_number(ratio['low'])} to {_number(ratio['high'])})"
+            f"{best['runner_up']} / {best['name']} = {number(ratio['value'])} "
+            f"({number(ratio['low'])} to {number(ratio['high'])})"
         )
     for name, reason in found["left_out"].items():
         print(f"left out: {name}: {reason}")
     print(f"{found['machine']}; {found['run_seconds']:.1f} s")
-
-
-def _with_interval(entry: Mapping[str, float | None]) -> str:
-    if entry["value"] is None:
-        return "-"
-    return f"{_number(entry['value'])} ({_number(entry['low'])}-{_number(entry['high'])})"
-
-
-def _number(value: float | None) -> str:
-    if value is None:
-        return "-"
-    if abs(value) >= 1e6:
-        return f"{value:.2g}".replace("e+0", "e").replace("e+", "e")
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"

@@ -17,9 +17,12 @@ from systems.sensors.attitude_error import AttitudeError
 from systems.sensors.platform_error import PlatformError
 from systems.sensors.reading_error import ReadingError
 
-__all__ = ["Place", "SensorErrors", "Seat", "known_platforms", "refuse", "spoil"]
+__all__ = ["NO_CLOCKS", "Place", "Seat", "SensorErrors", "known_platforms", "refuse", "spoil"]
 
 Array = NDArray[np.float64]
+
+NO_CLOCKS = {"clock_offset": "no times of arrival are compared here"}
+"""For `refuse`."""
 
 
 @dataclass
