@@ -30,6 +30,7 @@ from diagrams.launch import (
     station_positions,
     vehicle_block,
 )
+from diagrams.sensor_errors import NO_CLOCKS, Place, SensorErrors, known_platforms, refuse, spoil
 from diagrams.system import System, Wired
 from systems.clocks import Periodic
 from systems.documented import choice, count, documented, number
@@ -128,6 +129,7 @@ class Sensor:
         "a station sees the rocket above this elevation [deg]; null: always, even through the Earth", None,
         at_least=-90, at_most=89,
     )  # fmt: skip
+    errors: SensorErrors = documented("errors that the estimators do not know of", factory=SensorErrors)
 
 
 @dataclass
@@ -303,8 +305,11 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     builder.Connect(platforms, stations.GetInputPort("platforms"))
     builder.Connect(bias, stations.GetInputPort("bias"))
     builder.Connect(mode.GetOutputPort("mode"), stations.GetInputPort("mode"))
-    measured = stations.GetOutputPort("measurement")
-
+    errors, raw = scenario.sensor.errors, stations.GetOutputPort("measurement")
+    refuse(errors, "sensor.errors", {**NO_CLOCKS, "attitude": "range rates know no directions"})
+    target = vehicle.GetOutputPort("state")
+    measured = spoil(builder, errors, Place(stations.model, clock, raw, target, platforms, trials, count_))
+    known, known_trials = known_platforms(builder, errors, platforms, trials, count_)
     truth = join(
         builder,
         {
@@ -330,7 +335,9 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     largest, smallest = _limits(scenario, vehicle)
     density = belief.bias_variance_per_step_m2ps2 / scenario.period_s
     sigma = scenario.sensor.sigma_mps if belief.sigma_mps is None else belief.sigma_mps
-    wiring = Wiring(trials, RangeRate(sigma, range(count_)).names, clock, platforms=count_)
+    wiring = Wiring(
+        trials, RangeRate(sigma, range(count_)).names, clock, platforms=count_, platform_trials=known_trials
+    )
     blocks = {}
     for name in estimators:
         options = scenario.estimators[name]
@@ -349,7 +356,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         start = PortStart(_start_covariance(belief, biased))
         block = builder.AddSystem(options.make(name, model, motion, start, wiring))
         builder.Connect(measured, block.GetInputPort("measurement"))
-        builder.Connect(platforms, block.GetInputPort("platforms"))
+        builder.Connect(known, block.GetInputPort("platforms"))
         builder.Connect(prior.GetOutputPort(f"initial_estimate_{motion.size}"), block.GetInputPort("initial_estimate"))
         blocks[name] = block
 

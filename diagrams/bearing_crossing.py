@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from diagrams.errors import UserError, choose
+from diagrams.sensor_errors import NO_CLOCKS, Place, Seat, SensorErrors, refuse, spoil
 from diagrams.system import System, Wired
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
@@ -95,6 +96,10 @@ class Truth:
         "error of the observer's position per axis, as the estimators know it [m]", 0.0, at_least=0
     )
     navigation_time_s: float = number("correlation time of that error [s]; 0: new at every epoch", 0.0, at_least=0)
+    errors: SensorErrors = documented(
+        "errors of the sensor that the estimators do not know of; attitude_yaw_deg: of the heading, counter-clockwise",
+        factory=SensorErrors,
+    )
 
 
 @dataclass
@@ -242,7 +247,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     )
     builder.Connect(truth, sensor.GetInputPort("target"))
     builder.Connect(carrier, sensor.GetInputPort("platforms"))
-    measured = sensor.GetOutputPort("measurement")
+    measured = _spoilt(builder, scenario, sensor, clock, truth, carrier)
     known, known_trials = _navigation(builder, scenario, carrier, clock, trials)
 
     model = _sensor_model(scenario, believed=True)
@@ -291,6 +296,25 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         stream=list(model.names),
         note=_NOTE if any(isinstance(scenario.estimators[name], Crossing) for name in estimators) else "",
     )
+
+
+def _spoilt(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    sensor: Sensor,
+    clock: Periodic,
+    target: OutputPort,
+    carrier: OutputPort,
+) -> OutputPort:
+    """Return the sensor's output with the errors that nobody knows of."""
+    errors, axes = scenario.truth.errors, _axes(scenario)
+    refused = {**NO_CLOCKS, "platform": "truth.sigma_navigation_m says how well the observer is known"}
+    if axes == 2:
+        refused |= dict.fromkeys(("attitude_roll", "attitude_pitch"), "bearings in the plane turn about z only")
+    refuse(errors, "truth.errors", refused)
+    measured = sensor.GetOutputPort("measurement")
+    seats = [Seat(sensor.model.names)]
+    return spoil(builder, errors, Place(sensor.model, clock, measured, target, carrier, sensor.trials, 1, axes, seats))
 
 
 def _navigation(

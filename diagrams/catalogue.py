@@ -127,5 +127,6 @@ def select_estimators(scenario: Any, wanted: Sequence[str] | None) -> list[str]:
             scenario.estimators[key] = locate(ESTIMATORS["custom"])(class_=name)
             chosen.append(key)
         else:
-            choose("estimator", name, [*scenario.estimators, *(e for e in ESTIMATORS if e != "custom")])
+            known = dict.fromkeys([*scenario.estimators, *(e for e in ESTIMATORS if e != "custom")])
+            choose("estimator", name, known)
     return list(dict.fromkeys(chosen))

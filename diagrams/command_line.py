@@ -184,6 +184,62 @@ def observe(
 
 
 @app.command()
+def compare(
+    systems: Annotated[list[str], typer.Argument(metavar="SYSTEM[:VARIANT]...", help="One or more systems.")],
+    estimators: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--estimator",
+            metavar="NAME",
+            help="Names of the scenario or registry, package.module:Class, `default` or `all`.  [default: those of "
+            "the scenario, and ekf, iekf, ukf, pf]",
+        ),
+    ] = None,
+    trials: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Monte Carlo trials.")] = 100,
+    seed: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Seed of all noise.")] = 0,
+    at: Annotated[float | None, typer.Option(metavar="T", help="RMSE at this time [s].  [default: the end]")] = None,
+    settings: Annotated[list[str] | None, _SET] = None,
+    scenario: Annotated[Path | None, _SCENARIO] = None,
+    format_: Annotated[str, typer.Option("--format", help="table or markdown.")] = "table",
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write comparison.json, results, figures.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+) -> None:
+    """Compare estimators on one stream of measurements: errors, bounds, consistency, cost, who is the best."""
+    from diagrams.comparing import compare_command
+
+    options = {"estimators": estimators, "trials": trials, "seed": seed, "set": settings, "scenario": scenario}
+    compare_command(systems, options, at, format_, out, overwrite)
+
+
+@app.command()
+def sweep(
+    system: Annotated[str, _SYSTEM],
+    vary: Annotated[
+        str,
+        typer.Option(
+            metavar="KEY=A:B:N",
+            help="Field of the scenario and its values: from A to B in N points, KEY=log:A:B:N by a factor, or "
+            "KEY=V1,V2,...",
+            show_default=False,
+        ),
+    ],
+    estimators: Annotated[list[str] | None, _ESTIMATOR] = None,
+    trials: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Monte Carlo trials.")] = 100,
+    seed: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Seed of all noise.")] = 0,
+    at: Annotated[float | None, typer.Option(metavar="T", help="Errors at this time [s].  [default: the end]")] = None,
+    settings: Annotated[list[str] | None, _SET] = None,
+    scenario: Annotated[Path | None, _SCENARIO] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write sweep.json, results and a figure.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+) -> None:
+    """Vary one number of a scenario on the same noise: what a mismatch costs, and whether the covariance tells."""
+    from diagrams.sweeping import sweep_command
+
+    options = {"estimators": estimators, "trials": trials, "seed": seed, "at": at, "set": settings}
+    sweep_command(system, vary, options | {"scenario": scenario}, out, overwrite)
+
+
+@app.command()
 def replay(
     dataset: Annotated[str, typer.Argument(metavar="DATASET", help="Which recording; see `quietfix list`.")],
     file: Annotated[
@@ -212,6 +268,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command; a user's mistake is one line on standard error and exit status 2."""
     from diagrams.errors import UserError
 
+    sys.path.append("")  # a user's own class may lie in the folder where the command is given
     try:
         status = app(args=arguments, standalone_mode=False, prog_name="quietfix")
     except UserError as error:

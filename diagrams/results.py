@@ -21,7 +21,7 @@ from diagrams.errors import UserError
 
 __all__ = ["OutputFolder", "open_result", "write_summary"]
 
-_OURS = ("results.zarr", "summary.json", "diagram.svg")  # and *.png
+_OURS = ("results.zarr", "summary.json", "comparison.json", "sweep.json", "diagram.svg")  # and *.png
 
 
 @contextmanager
@@ -96,19 +96,19 @@ class OutputFolder:
         """Where the Dataset goes."""
         return self.partial / "results.zarr"
 
-    def append(self, chunk: xr.Dataset) -> None:
-        """Write one chunk of trials."""
+    def append(self, chunk: xr.Dataset, along: str = "trial") -> None:
+        """Write one chunk of trials, or of what `along` names."""
         with _undisturbed(), warnings.catch_warnings():
             # zarr warns that its text type is not in the v3 specification yet; xarray reads it all the same.
             warnings.simplefilter("ignore")
             if self.chunks == 0:
                 chunk.to_zarr(self.store, mode="w", consolidated=False)
             else:
-                grows = chunk[[name for name in chunk if "trial" in chunk[name].dims]]
-                grows.drop_vars([c for c in grows.coords if "trial" not in grows[c].dims]).to_zarr(
-                    self.store, append_dim="trial", consolidated=False
+                grows = chunk[[name for name in chunk if along in chunk[name].dims]]
+                grows.drop_vars([c for c in grows.coords if along not in grows[c].dims]).to_zarr(
+                    self.store, append_dim=along, consolidated=False
                 )
-                fresh = [name for name in chunk if str(name).startswith("bound_")]
+                fresh = [name for name in chunk if str(name).startswith("bound_") and name not in grows]
                 if fresh:
                     chunk[fresh].to_zarr(self.store, mode="a", consolidated=False)
             self.chunks += 1

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from diagrams.errors import UserError
+from diagrams.sensor_errors import NO_CLOCKS, Place, Seat, SensorErrors, refuse, spoil
 from diagrams.system import System, Wired
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
@@ -109,6 +110,10 @@ class Truth:
     sigma_observer_m: float = number("error of the observer's known position, constant, per axis [m]", 0.0, at_least=0)
     sigma_observer_mps: float = number(
         "error of the observer's known velocity, constant, per axis [m/s]", 0.0, at_least=0
+    )
+    errors: SensorErrors = documented(
+        "errors of the sensor that the estimators do not know of; attitude: turns of the inertial axes",
+        factory=SensorErrors,
     )
 
 
@@ -330,7 +335,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     exact = observer.GetOutputPort("inertial")
     builder.Connect(target, sensor.GetInputPort("target"))
     builder.Connect(exact, sensor.GetInputPort("platforms"))
-    measured = sensor.GetOutputPort("measurement")
+    measured = _spoilt(builder, scenario, sensor, clock, target, exact)
 
     platforms, platform_trials, error = exact, 1, None
     if truth.sigma_observer_m > 0 or truth.sigma_observer_mps > 0:
@@ -376,6 +381,10 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         else:
             builder.Connect(measured, block.GetInputPort("measurement"))
         if isinstance(block, RangeDecomposed) and block.look_ahead:
+            if truth.errors != SensorErrors():
+                raise UserError(
+                    f"estimators.{name}: {name} is not allowed with truth.errors; it is given the sensor's readings ahead"
+                )
             ahead = builder.AddSystem(
                 Preview(
                     sensor, target_at, lambda t: observer.at(t), clock, block.plane_epochs, error, f"preview_{name}"
@@ -403,6 +412,23 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         # a tenth of the initial error, as in (61): of its expectation, so that all estimators are held to the same
         convergence=0.1 * math.sqrt(np.trace(covariance[:3, :3])),
     )
+
+
+def _spoilt(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    sensor: Sensor,
+    clock: Periodic,
+    target: OutputPort,
+    observer: OutputPort,
+) -> OutputPort:
+    """Return the sensor's output with the errors that nobody knows of."""
+    known = "truth.sigma_observer_m and truth.sigma_observer_mps say how well the observer is known"
+    refuse(scenario.truth.errors, "truth.errors", {**NO_CLOCKS, "platform": known})
+    turned = rows_of(["angles", "rates"])
+    measured = sensor.GetOutputPort("measurement")
+    place = Place(sensor.model, clock, measured, target, observer, sensor.trials, 1, seats=[Seat(turned)])
+    return spoil(builder, scenario.truth.errors, place)
 
 
 def _add_target(

@@ -18,7 +18,7 @@ from pydrake.common.yaml import yaml_dump, yaml_load, yaml_load_typed
 
 from diagrams.errors import UserError, choose
 
-__all__ = ["apply_setting", "check", "dump", "load", "merge", "read_yaml"]
+__all__ = ["apply_setting", "check", "dump", "load", "merge", "natural_name", "read_yaml"]
 
 _TAG = "_tag"
 _KEYWORDS = {"class": "class_"}  # fields whose natural name is a Python keyword
@@ -162,7 +162,7 @@ def _check_fields(schema: Any, data: Any, path: str) -> None:
     if not isinstance(data, Mapping):
         raise UserError(f"{path or 'scenario'}: {data!r} is not allowed; a mapping of fields")
     fields = {field.name: field for field in dataclasses.fields(schema)}
-    shown = {_natural(name): name for name in fields}
+    shown = {natural_name(name): name for name in fields}
     for key, value in data.items():
         name = shown[choose(f"{path}." * bool(path) + str(key), str(key), shown)] if key not in shown else shown[key]
         here = f"{path}.{key}" if path else str(key)
@@ -175,7 +175,8 @@ def _check_fields(schema: Any, data: Any, path: str) -> None:
                 raise UserError(f"{here}: {value!r} is not allowed; {allowed.words}")
 
 
-def _natural(name: str) -> str:
+def natural_name(name: str) -> str:
+    """Return the name of a field as a user writes it."""
     return next((plain for plain, safe in _KEYWORDS.items() if safe == name), name)
 
 
@@ -224,7 +225,7 @@ def load(schema: Any, layers: Iterable[Mapping[str, Any]]) -> Any:
 def _restore_order(loaded: Any, data: Mapping[str, Any]) -> None:
     """Put the keys of mappings back into the order of the file: the dump in between has sorted them."""
     for field in dataclasses.fields(loaded):
-        value, source = getattr(loaded, field.name), data.get(_natural(field.name))
+        value, source = getattr(loaded, field.name), data.get(natural_name(field.name))
         if isinstance(value, dict) and isinstance(source, Mapping):
             setattr(loaded, field.name, {key: value[key] for key in source if key != _TAG})
         elif dataclasses.is_dataclass(value) and isinstance(source, Mapping):
@@ -252,7 +253,7 @@ def _dump_fields(value: Any, depth: int, comments: bool, lines: list[str]) -> No
         item = getattr(value, field.name)
         doc = field.metadata.get("doc", "") if comments else ""
         note = f"  # {doc}" if doc else ""
-        _dump_item(f"{pad}{_natural(field.name)}:", item, depth, comments, note, lines, field.type)
+        _dump_item(f"{pad}{natural_name(field.name)}:", item, depth, comments, note, lines, field.type)
 
 
 def _dump_item(head: str, item: Any, depth: int, comments: bool, note: str, lines: list[str], kind: Any = None) -> None:

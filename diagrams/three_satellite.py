@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Union, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from diagrams import formation
 from diagrams.errors import UserError
@@ -27,6 +27,7 @@ from diagrams.formation import (
     StraightLine,
     add_emitter,
 )
+from diagrams.sensor_errors import Place, Seat, SensorErrors, known_platforms, spoil
 from diagrams.system import System, Wired
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
@@ -37,7 +38,7 @@ from systems.estimators.known_height_start import KnownHeightStart
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.phase_resolver import PhaseResolver
 from systems.fixes.known_height import Method, has_closed_form
-from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed
+from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed, nadir_frame_earth_fixed
 from systems.measurement.altitude import Altitude
 from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
 from systems.measurement.fdoa import Fdoa
@@ -100,6 +101,7 @@ class Truth:
         at_least=-90,
         at_most=89,
     )
+    errors: SensorErrors = documented("errors of the sensors that the estimators do not know of", factory=SensorErrors)
 
 
 @dataclass
@@ -269,7 +271,8 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     truth_trials = emitter.output_size("state")[0]
 
     resolving = any(not scenario.estimators[name].resolves_phases for name in estimators)
-    sensor, stream, resolver = _add_sensor(builder, scenario, clock, trials, truth_trials, resolving)
+    known, known_trials = known_platforms(builder, scenario.truth.errors, platforms, trials, 3)
+    sensor, stream, resolver = _add_sensor(builder, scenario, clock, (trials, truth_trials, known_trials), resolving)
     believed = models(scenario, believed=True)
     assumed = builder.AddSystem(
         Sensor(
@@ -285,10 +288,10 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         builder.Connect(truth, block.GetInputPort("target"))
         builder.Connect(platforms, block.GetInputPort("platforms"))
 
-    measured = raw = sensor.GetOutputPort("measurement")
+    measured = raw = _spoilt(builder, scenario, sensor, clock, truth, platforms)
     if resolver is not None:
         builder.Connect(measured, resolver.GetInputPort("measurement"))
-        builder.Connect(platforms, resolver.GetInputPort("platforms"))
+        builder.Connect(known, resolver.GetInputPort("platforms"))
         measured = resolver.GetOutputPort("measurement")
 
     sigma_height = scenario.belief.sigma_assumed_height_km or scenario.truth.sigma_assumed_height_km
@@ -312,11 +315,11 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
                 _believed_stack(scenario, name),
                 ConstantVelocity(scenario.belief.acceleration_mps2),
                 start,
-                Wiring(trials, rows, clock, platforms=3),
+                Wiring(trials, rows, clock, platforms=3, platform_trials=known_trials),
             )
         )
         builder.Connect(raw if options.resolves_phases else measured, block.GetInputPort("measurement"))
-        builder.Connect(platforms, block.GetInputPort("platforms"))
+        builder.Connect(known, block.GetInputPort("platforms"))
         builder.Connect(assumed.GetOutputPort("measurement"), block.GetInputPort("assumed_height"))
         blocks[name] = block
 
@@ -343,7 +346,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         truth=truth,
         platforms=platforms,
         measurement=measured,
-        sensed=sensor.GetOutputPort("measurement"),
+        sensed=raw,
         estimators=blocks,
         clock=clock,
         duration=scenario.duration_s,
@@ -357,12 +360,14 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
 
 
 def _add_sensor(
-    builder: DiagramBuilder, scenario: Scenario, clock: Periodic, trials: int, truth_trials: int, resolving: bool
+    builder: DiagramBuilder, scenario: Scenario, clock: Periodic, sizes: tuple[int, int, int], resolving: bool
 ) -> tuple[Sensor, list[str], PhaseResolver | None]:
     """Add the sensor and, for wrapped phases, the resolver; return them and the names of the rows after it.
 
-    The resolver is left out where no estimator needs it.
+    `sizes`: trials of the measurement, of the truth, of the platforms as they are known. The resolver is left out
+    where no estimator needs it.
     """
+    trials, truth_trials, known_trials = sizes
     real = models(scenario, believed=False)
     phase, tdoa = real["phase"], real["tdoa"]
     assert isinstance(phase, InterferometerPhase) and isinstance(tdoa, Tdoa)
@@ -380,8 +385,33 @@ def _add_sensor(
         return sensor, list(stack.names), None
     if not resolving:
         return sensor, list(stack.names), None
-    resolver = builder.AddSystem(PhaseResolver(stack.names, phase, tdoa, trials, 3, chain))
+    resolver = builder.AddSystem(PhaseResolver(stack.names, phase, tdoa, trials, 3, chain, known_trials))
     return sensor, resolver.stream, resolver
+
+
+def _spoilt(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    sensor: Sensor,
+    clock: Periodic,
+    truth: OutputPort,
+    platforms: OutputPort,
+) -> OutputPort:
+    """Return the sensor's output with the errors that nobody knows of."""
+    rate, model = scenario.constants.earth_rate_radps, sensor.model
+    phases = [row for row in model.names if row.startswith("phase")]
+    place = Place(
+        model,
+        clock,
+        sensor.GetOutputPort("measurement"),
+        truth,
+        platforms,
+        sensor.trials,
+        3,
+        seats=[Seat(phases, 0, lambda carrier: nadir_frame_earth_fixed(carrier[..., :3], carrier[..., 3:], rate))],
+        clocks={"tdoa_10": (1, 0), "tdoa_20": (2, 0)},
+    )
+    return spoil(builder, scenario.truth.errors, place)
 
 
 def _check_visible(scenario: Scenario, orbit: DenseOrbit, target: Array) -> None:

@@ -11,7 +11,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
-__all__ = ["Look", "grid", "legend_outside", "log_scale", "looks", "new_figure", "save", "title"]
+__all__ = ["Look", "PlainLog", "grid", "legend_outside", "log_scale", "looks", "new_figure", "save", "title"]
 
 _DPI = 100
 _WIDTH = 12.0  # inches: 1200 pixels
@@ -60,7 +60,7 @@ def title(dataset: xr.Dataset) -> str:
     return f"{name}, {trials} trial{'s' * (trials != 1)}, seed {dataset.attrs.get('seed', '?')}"
 
 
-class _PlainLog(LogFormatter):
+class PlainLog(LogFormatter):
     """2000 instead of 2 x 10^3, at those ticks that Matplotlib would label."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
@@ -70,8 +70,8 @@ class _PlainLog(LogFormatter):
 def log_scale(axes: Any) -> None:
     """Make the vertical axis logarithmic, with plain numbers beside it."""
     axes.set_yscale("log")
-    axes.yaxis.set_major_formatter(_PlainLog())
-    axes.yaxis.set_minor_formatter(_PlainLog(minor_thresholds=(2, 0.5)))
+    axes.yaxis.set_major_formatter(PlainLog())
+    axes.yaxis.set_minor_formatter(PlainLog(minor_thresholds=(2, 0.5)))
 
 
 def grid(axes: Any) -> None:

@@ -40,9 +40,10 @@ class Custom(EstimatorOptions):
                 f"estimators.{name}.class: {self.class_} is not allowed; a subclass of "
                 "systems.estimators.base.Estimator or systems.filters.gaussian.GaussianFilter"
             )
-        abstract: frozenset[str] = getattr(kind, "__abstractmethods__", frozenset())
-        if abstract:
-            raise ValueError(f"estimators.{name}.class: {self.class_} lacks {', '.join(sorted(abstract))}")
+        # by hand: Drake's own metaclass keeps Python from counting the abstract methods of a block
+        lacking = [m for m in dir(kind) if getattr(getattr(kind, m, None), "__isabstractmethod__", False)]
+        if lacking:
+            raise ValueError(f"estimators.{name}.class: {self.class_} lacks {', '.join(lacking)}")
         try:
             if issubclass(kind, GaussianFilter):
                 return KalmanEstimator(name, kind(**self.options), model, motion, start, wiring)

@@ -1,0 +1,419 @@
+"""Any estimator on any system: who is better, by how much, and whether that could be chance.
+
+All estimators sit in one diagram on one stream of measurements, so every comparison is paired.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder
+from scipy.stats import binomtest
+
+from diagrams.bootstrap import Interval, PairedBootstrap, Replicates, best_of, interval
+from diagrams.catalogue import load_scenario, select_estimators, split_name
+from diagrams.catalogue import system as find_system
+from diagrams.errors import UserError
+from diagrams.metrics import chi_square_band, diverged, errors, median
+from diagrams.score import Score
+from diagrams.stopwatch import Stopwatch
+from diagrams.study import Study, join
+from diagrams.system import Wired
+from systems.registry import ESTIMATORS
+
+__all__ = [
+    "STANDARD",
+    "ComparedStudy",
+    "Lineup",
+    "compare",
+    "entry",
+    "line_up",
+    "machine",
+    "nearest_epoch",
+    "nees_entry",
+    "plain",
+    "prepare",
+    "statistics",
+]
+
+Array = NDArray[np.float64]
+
+STANDARD = ("ekf", "iekf", "ukf", "pf")
+"""Estimators of the registry that every system is asked to take."""
+
+_ALL, _DEFAULT = "all", "default"
+_EPOCHS = 500  # the mean over time and the curves are taken over at most about so many
+
+
+# ------------------------------------------------------------------------------------------- who takes part
+
+
+@dataclass(frozen=True)
+class Lineup:
+    """Who takes part, in which scenario, and why others do not.
+
+    Attributes
+    ----------
+    scenario : dataclass
+        With the estimators that were added.
+    names : list of str
+        The estimators side by side.
+    left_out : mapping of str to str
+        Estimators that the system cannot take, and what it says.
+    """
+
+    scenario: Any
+    names: list[str]
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+
+def line_up(system: str, scenario: Any, wanted: Sequence[str] | None = None) -> Lineup:
+    """Return which estimators run on a system.
+
+    Parameters
+    ----------
+    system : str
+        Name of the system.
+    scenario : dataclass
+        Not changed.
+    wanted : sequence of str, optional
+        Names of the scenario or the registry, ``package.module:Class``, ``default``: the scenario's and those of
+        `STANDARD`, or ``all``: the scenario's and the whole registry. Of the last two the system takes what it can; a
+        name that is asked for must fit.
+
+    Raises
+    ------
+    UserError
+        For a name that is not known.
+    """
+    scenario = copy.deepcopy(scenario)
+    names: list[str] = []
+    left_out: dict[str, str] = {}
+    for asked in wanted or [_DEFAULT]:
+        if asked not in (_DEFAULT, _ALL):
+            names += select_estimators(scenario, [asked])
+            continue
+        names += list(scenario.estimators)
+        for extra in STANDARD if asked == _DEFAULT else ESTIMATORS:
+            if extra in ("custom", *names) or extra not in ESTIMATORS:
+                continue
+            reason = _refusal(system, scenario, extra)
+            if reason is None:
+                names += select_estimators(scenario, [extra])
+            else:
+                left_out[extra] = reason
+    return Lineup(scenario, list(dict.fromkeys(names)), left_out)
+
+
+def _refusal(system: str, scenario: Any, name: str) -> str | None:
+    """Return what the system says against an estimator of the registry, or None."""
+    tried = copy.deepcopy(scenario)
+    chosen = select_estimators(tried, [name])
+    try:
+        find_system(system).wire(DiagramBuilder(), tried, chosen, 1)
+    except ValueError as error:  # a scenario that is wrong itself says so again when the study is built
+        return str(error).removeprefix(f"{name}: ")
+    return None
+
+
+# --------------------------------------------------------------------------------------------------- running
+
+
+class ComparedStudy(Study):
+    """A study that also notes what each estimator costs and how many states are scored.
+
+    Parameters
+    ----------
+    system : str
+        ``SYSTEM`` or ``SYSTEM:VARIANT``.
+    **options
+        As of `diagrams.study.Study`.
+
+    Attributes
+    ----------
+    stopwatches : dict of str to Stopwatch
+    states : dict of str to int
+        How many states the NEES is about.
+    feedback : list of str
+        Predictions that go back into the measurements, ``estimator -> block``.
+    """
+
+    stopwatches: dict[str, Stopwatch]
+    states: dict[str, int]
+    feedback: list[str]
+
+    def wire(self, trials: int) -> tuple[Wired, DiagramBuilder, dict[str, Score]]:
+        """See `Study.wire`."""
+        wired, builder, scores = super().wire(trials)
+        size = wired.truth.get_system().output_size(wired.truth.get_name())[1]
+        self.stopwatches = {name: Stopwatch(block) for name, block in wired.estimators.items()}
+        self.states = {name: min(size, block.motion.size) for name, block in wired.estimators.items()}
+        self.feedback = [f"{source} -> {target}" for source, target in wired.dashed]
+        return wired, builder, scores
+
+    @property
+    def costs(self) -> dict[str, float]:
+        """Processor time of one step of one trial [us] by estimator, so far."""
+        return {name: watch.microseconds for name, watch in self.stopwatches.items()}
+
+
+def prepare(
+    system: str,
+    *,
+    variant: str | None = None,
+    scenario: Any = None,
+    estimators: Sequence[str] | None = None,
+    trials: int = 100,
+    seed: int = 0,
+    set: Sequence[str] | None = None,
+) -> tuple[ComparedStudy, Lineup]:
+    """Return the study of a comparison, ready to run, and who takes part; arguments as in `compare`."""
+    name, in_name = split_name(system)
+    variant = variant or in_name
+    if isinstance(trials, int) and trials == 1:
+        raise UserError("trials: 1 is not allowed; intervals over trials need at least 2")
+    if scenario is None or isinstance(scenario, str | Path):
+        scenario = load_scenario(name, variant, scenario, list(set or ()))
+    elif set:
+        raise UserError("set: it cannot be combined with a scenario object; change its fields instead")
+    chosen = line_up(name, scenario, estimators)
+    if not chosen.names:
+        raise UserError("estimators: none is given; at least one is needed")
+    options: dict[str, Any] = {"variant": variant, "scenario": chosen.scenario, "estimators": chosen.names}
+    options |= {"trials": trials, "seed": seed}
+    study = ComparedStudy(name, **options)
+    probe, _, _ = study.wire(1)
+    every = math.ceil(len(probe.clock.ticks(probe.duration)) / _EPOCHS)
+    return (study if every == 1 else ComparedStudy(name, every=every, **options)), chosen
+
+
+def compare(
+    system: str,
+    *,
+    variant: str | None = None,
+    scenario: Any = None,
+    estimators: Sequence[str] | None = None,
+    trials: int = 100,
+    seed: int = 0,
+    set: Sequence[str] | None = None,
+    at: float | None = None,
+    confidence: float = 0.95,
+) -> dict[str, Any]:
+    """Run estimators side by side on one stream of measurements and compare them.
+
+    Parameters
+    ----------
+    system, variant, scenario, trials, seed, set
+        As of `diagrams.run_study`; at least 2 trials.
+    estimators : sequence of str, optional
+        See `line_up`; by default those of the scenario and those of `STANDARD` that the system takes.
+    at : float, optional
+        When the RMSE and the NEES are taken [s]; by default at the end.
+    confidence : float
+        Of every interval, and of the statement who is best.
+
+    Returns
+    -------
+    dict
+        What ``comparison.json`` holds, see `statistics`.
+
+    Raises
+    ------
+    UserError
+        For whatever cannot be run.
+    """
+    study, chosen = prepare(
+        system, variant=variant, scenario=scenario, estimators=estimators, trials=trials, seed=seed, set=set
+    )
+    dataset = join(list(study.chunks()))
+    return statistics(dataset, study, chosen, at=at, confidence=confidence)
+
+
+# ------------------------------------------------------------------------------------------------ statistics
+
+
+def nearest_epoch(times: Array, at: float | None) -> int:
+    """Return the index of the epoch nearest to a time, by default of the last.
+
+    Raises
+    ------
+    UserError
+        If the time is outside the run.
+    """
+    if at is None:
+        return len(times) - 1
+    if not times[0] <= at <= times[-1]:
+        raise UserError(f"at: {at:g} is not allowed; {times[0]:g} to {times[-1]:g} s")
+    return int(np.argmin(np.abs(times - at)))
+
+
+def statistics(
+    dataset: xr.Dataset,
+    study: ComparedStudy,
+    chosen: Lineup,
+    at: float | None = None,
+    confidence: float = 0.95,
+    resamples: int = 9999,
+) -> dict[str, Any]:
+    """Return the comparison of a study's estimators.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        The study's result.
+    study : ComparedStudy
+        For costs and sizes.
+    chosen : Lineup
+        For what was left out.
+    at, confidence
+        See `compare`.
+    resamples : int
+        Of the bootstrap.
+
+    Returns
+    -------
+    dict
+        Numbers as ``{"value", "low", "high"}`` where they have an interval, None where undefined or not finite.
+        ``estimators.NAME``: ``rmse_position_m`` (at the time), ``armse_position_m`` (mean over time of the RMSE),
+        ``median_position_m``, ``bound_position_m``, ``efficiency`` (RMSE over bound) and whether it ``is`` one
+        (``efficiency_means_something``: the truth moves as the filter believes), ``nees_per_state`` with
+        ``nees_band`` and ``nees_verdict``, ``diverged``, ``cost_us``. ``best.METRIC``: who has the smallest, whether
+        significantly, the runner-up, and the ratio of every other one to it.
+    """
+    if not 0 < confidence < 1:
+        raise UserError(f"confidence: {confidence} is not allowed; between 0 and 1")
+    times = np.asarray(dataset["time"].values, dtype=float)
+    epoch = nearest_epoch(times, at)
+    draws = PairedBootstrap(dataset.sizes["trial"], resamples)
+    names = [str(name) for name in dataset["estimator"].values]
+    not_causal = set(filter(None, dataset.attrs.get("looks_ahead", "").split(",")))
+    costs = study.costs
+    rows: dict[str, dict[str, Any]] = {}
+    replicates: list[Replicates] = []
+    for name in names:
+        one = dataset.sel(estimator=[name])
+        error = errors(one)["position"]
+        squares = np.square(error.values[0])
+        found = draws.apply(squares, lambda means: _two(means, epoch))
+        replicates.append(found)
+        both = interval(found, confidence)
+        row: dict[str, Any] = {"causal": name not in not_causal}
+        row["rmse_position_m"], row["armse_position_m"] = (entry(both, i) for i in range(2))
+        row["median_position_m"] = plain(median(error).values[0, epoch])
+        row |= _efficiency(one, Interval(*(part[0] for part in both)), epoch)
+        row |= nees_entry(one["nees"].values[0, :, epoch], study.states[name], draws, confidence)
+        lost = int(diverged(one).sum())
+        tail = binomtest(lost, draws.trials).proportion_ci(confidence, "exact")
+        row["diverged"], row["diverged_rate"] = lost, {"low": float(tail.low), "high": float(tail.high)}
+        row["cost_us"] = plain(costs[name])
+        rows[name] = row
+    return {
+        "system": dataset.attrs["system"],
+        "variant": dataset.attrs["variant"] or None,
+        "seed": int(dataset.attrs["seed"]),
+        "trials": draws.trials,
+        "version": dataset.attrs["version"],
+        "machine": machine(),
+        "time_s": float(times[epoch]),
+        "confidence": confidence,
+        "resamples": resamples,
+        "correction": "Bonferroni over the comparisons of the best with all others",
+        "feedback": study.feedback,
+        "left_out": dict(chosen.left_out),
+        "estimators": rows,
+        "best": {
+            metric: _best([n for n in names if rows[n]["causal"]], names, replicates, column, confidence)
+            for column, metric in enumerate(("rmse_position_m", "armse_position_m"))
+        },
+    }
+
+
+def _two(means: Array, epoch: int) -> Array:
+    """Return RMSE at an epoch and its mean over time from mean squares (..., time)."""
+    curve = np.sqrt(means)
+    known = ~np.isnan(curve)
+    with np.errstate(invalid="ignore"):
+        average = np.where(known, curve, 0.0).sum(axis=-1) / known.sum(axis=-1)
+    return np.stack([curve[..., epoch], average], axis=-1)
+
+
+def _best(
+    causal: Sequence[str], names: Sequence[str], replicates: Sequence[Replicates], column: int, confidence: float
+) -> dict[str, Any] | None:
+    """Return who has the smallest of a metric; only who works with the past can be it."""
+    if not causal:
+        return None
+    parts = [replicates[names.index(name)] for name in causal]
+    joined = Replicates(*(np.stack([part[..., column] for part in same], axis=-1) for same in zip(*parts, strict=True)))
+    best, ratios, significant = best_of(joined, confidence)
+    ratio = {name: entry(ratios, i) for i, name in enumerate(causal) if i != best}
+    order = np.argsort(np.where(np.isnan(joined.value), np.inf, joined.value), kind="stable")
+    runner_up = next((causal[i] for i in order if i != best), None)
+    return {"name": causal[best], "significant": significant, "runner_up": runner_up, "ratio": ratio}
+
+
+def _efficiency(one: xr.Dataset, rmse: Interval, epoch: int) -> dict[str, Any]:
+    """Return bound, RMSE over bound, and whether that is an efficiency."""
+    empty = np.full(one.sizes["time"], np.nan)
+    bound, of_truth = (
+        one[name].values[0] if name in one else empty for name in ("bound_position", "bound_truth_position")
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = Interval(*(part / bound[epoch] for part in rmse))
+    return {
+        "bound_position_m": plain(bound[epoch]),
+        "efficiency": entry(ratio),
+        # the two bounds differ by the process noise only
+        "efficiency_means_something": bool(np.isfinite(bound[epoch]) and np.allclose(bound, of_truth, rtol=1e-6)),
+    }
+
+
+def nees_entry(values: Array, states: int, draws: PairedBootstrap, confidence: float) -> dict[str, Any]:
+    """Return the mean NEES per state, the band of a consistent filter, and where it lies."""
+    count = int(np.isfinite(values).sum())
+    found = interval(draws.apply(values[:, None] / states, lambda means: means), confidence)
+    lower, upper = (float(end) / states for end in chi_square_band(states * count, max(count, 1), confidence))
+    mean = float(found.value[0])
+    verdict = None
+    if count and math.isfinite(mean):
+        verdict = "low" if mean < lower else "high" if mean > upper else "in band"
+    band = None if not count else {"low": lower, "high": upper}
+    return {
+        "states": states,
+        "nees_per_state": entry(found, 0),
+        "nees_band": band,
+        "nees_verdict": verdict,
+    }
+
+
+def entry(found: Interval, index: int | tuple[()] = ()) -> dict[str, float | None]:
+    """Return one value with its interval, as JSON has it."""
+    return {name: plain(np.asarray(part)[index]) for name, part in found._asdict().items()}
+
+
+def plain(value: Any) -> float | None:
+    """Return a Python float, None for what JSON cannot say."""
+    return float(value) if math.isfinite(value) else None
+
+
+def machine() -> str:
+    """Return what the costs were measured on."""
+    name = platform.processor() or platform.machine()
+    cpus = Path("/proc/cpuinfo")
+    if cpus.is_file():
+        lines = cpus.read_text(encoding="utf-8", errors="replace").splitlines()
+        name = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), name)
+    python = ".".join(map(str, sys.version_info[:3]))
+    return f"{name}, Python {python}, drake {version('drake')}, numpy {np.__version__}"
+

@@ -1,0 +1,198 @@
+"""What ``quietfix compare`` does: run, print a table, write a folder."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from diagrams.catalogue import split_name
+from diagrams.compare import ComparedStudy, Lineup, prepare, statistics
+from diagrams.errors import UserError, choose
+from diagrams.results import OutputFolder, open_result, write_summary
+from diagrams.study import join
+from diagrams.tables import number, print_table, with_interval
+
+__all__ = ["FORMATS", "comparison_markdown", "comparison_table", "compare_command"]
+
+FORMATS = ("table", "markdown")
+_BEST = "**"
+_NOT_EFFICIENT = "†"
+
+
+def compare_command(
+    systems: Sequence[str],
+    options: Mapping[str, Any],
+    at: float | None,
+    format_: str,
+    out: Path | None,
+    overwrite: bool,
+) -> None:
+    """Compare estimators on one or more systems; see ``quietfix compare --help``."""
+    choose("format", format_, FORMATS)
+    for name in systems:
+        split_name(name)
+    prepared = [(name, *prepare(name, **options)) for name in systems]  # before anything runs: mistakes show early
+    _check_time(prepared, at)
+    done = []
+    for name, study, chosen in prepared:
+        folder = None
+        if out is not None:
+            folder = out if len(systems) == 1 else out / name.replace(":", "_")
+        done.append(_one(study, chosen, at, folder, overwrite))
+        if format_ == "table":
+            print_table(comparison_table(done[-1]))
+            print_notes(done[-1])
+            if folder is not None:
+                print(f"wrote {folder}: comparison.json, results.zarr, summary.json, figures")
+    if format_ == "markdown":
+        print(comparison_markdown(done), end="")
+
+
+def _check_time(prepared: Sequence[tuple[str, ComparedStudy, Lineup]], at: float | None) -> None:
+    if at is None:
+        return
+    for name, study, _ in prepared:
+        wired, _, _ = study.wire(1)
+        ticks = wired.clock.ticks(wired.duration)
+        if not ticks[0] <= at <= ticks[-1]:
+            raise UserError(f"at: {at:g} is not allowed; {name} runs from {ticks[0]:g} to {ticks[-1]:g} s")
+
+
+def _one(
+    study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | None, overwrite: bool
+) -> dict[str, Any]:
+    began = time.monotonic()
+    if out is None:
+        found = statistics(join(list(study.chunks(progress=True))), study, chosen, at=at)
+        return found | {"run_seconds": round(time.monotonic() - began, 3)}
+    from diagrams.figures import study_figures
+    from diagrams.figures.comparison import draw_comparison
+    from diagrams.figures.style import save
+    from diagrams.metrics import summarise
+
+    with OutputFolder(out, overwrite) as folder:
+        try:
+            for chunk in study.chunks(progress=True):
+                folder.append(chunk)
+        except KeyboardInterrupt:
+            if folder.chunks:
+                kept = open_result(folder.store).sizes["trial"]
+                print(
+                    f"quietfix: {kept} of {study.request.trials} trials are kept in {folder.partial}", file=sys.stderr
+                )
+            raise
+        dataset = open_result(folder.store).load()
+        found = statistics(dataset, study, chosen, at=at)
+        found["run_seconds"] = round(time.monotonic() - began, 3)
+        text = json.dumps(found, indent=1, allow_nan=False) + "\n"
+        (folder.partial / "comparison.json").write_text(text, encoding="utf-8")
+        write_summary(folder.partial / "summary.json", dataset, summarise(dataset), began)
+        save(draw_comparison(found), folder.partial / "comparison.png")
+        study_figures(dataset, folder.partial)
+        folder.finish()
+    return found
+
+
+# ----------------------------------------------------------------------------------------------------- tables
+
+
+def comparison_table(found: Mapping[str, Any]) -> Table:
+    """Return the table of one comparison, as `diagrams.compare.statistics` gives it."""
+    name = found["system"] + (f":{found['variant']}" if found["variant"] else "")
+    when = f"{found['time_s']:g} s"
+    table = Table(title=f"{name}, {found['trials']} trials, seed {found['seed']}")
+    table.add_column("estimator", no_wrap=True)
+    titles = (f"RMSE at {when} [m]", "mean RMSE [m]", "median [m]", "RMSE/bound", "NEES/n", "diverged", "us")
+    for title in titles:
+        table.add_column(escape(title), justify="right", no_wrap=title != titles[0])
+    for row in _rows(found):
+        table.add_row(*(_rich(cell) for cell in row))
+    return table
+
+
+def _rich(cell: str) -> str:
+    if cell.startswith(_BEST):
+        return f"[bold]* {escape(cell.strip('*'))}[/bold]"
+    return escape(cell)
+
+
+def comparison_markdown(found: Sequence[Mapping[str, Any]]) -> str:
+    """Return one Markdown table of several comparisons, and the notes that belong to it."""
+    titles = ("estimator", "RMSE at the end [m]", "mean RMSE over time [m]", "median at the end [m]")
+    titles += ("RMSE/bound", "NEES/n", "diverged", "us per step")
+    lines = ["| " + " | ".join(titles) + " |", "|" + "---|" * len(titles)]
+    for one in found:
+        name = one["system"] + (f":{one['variant']}" if one["variant"] else "")
+        lines.append(f"| **{name}**, {one['time_s']:g} s |" + " |" * (len(titles) - 1))
+        named = (f"`{row[0]}`".replace(" (not causal)`", "` (not causal)") for row in _rows(one))
+        lines += [f"| {n} | " + " | ".join(row[1:]) + " |" for n, row in zip(named, _rows(one), strict=True)]
+    first = found[0]
+    seconds = ", ".join(f"{one['system']} {one['run_seconds']:.0f} s" for one in found)
+    lines += ["", f"{first['trials']} trials, seed {first['seed']}; {first['machine']}; {seconds}. {_legend(first)}"]
+    return "\n".join(lines) + "\n"
+
+
+def _rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    rows = []
+    for name, row in found["estimators"].items():
+        cells = []
+        for metric in ("rmse_position_m", "armse_position_m"):
+            best = found["best"][metric]
+            cell = with_interval(row[metric])
+            cells.append(f"{_BEST}{cell}{_BEST}" if best and best["significant"] and best["name"] == name else cell)
+        efficiency = number(row["efficiency"]["value"])
+        if efficiency != "-" and not row["efficiency_means_something"]:
+            efficiency += _NOT_EFFICIENT
+        nees = number(row["nees_per_state"]["value"])
+        verdict = row["nees_verdict"]
+        shown = name if row["causal"] else f"{name} (not causal)"
+        rows.append(
+            (
+                shown,
+                *cells,
+                number(row["median_position_m"]),
+                efficiency,
+                nees if verdict in (None, "in band") else f"{nees} {verdict}",
+                str(row["diverged"]),
+                number(row["cost_us"]),
+            )
+        )
+    return rows
+
+
+def _legend(found: Mapping[str, Any]) -> str:
+    percent = f"{100 * found['confidence']:g} %"
+    return (
+        f"In brackets: {percent} intervals (paired bootstrap over the trials). Bold or *: smallest, and significantly "
+        f"so against every other causal one ({found['correction']}, {percent} together). {_NOT_EFFICIENT}: the truth "
+        f"does not move as the filter believes, so this is no efficiency. NEES/n: 1 is consistent; low, high: outside "
+        f"the {percent} band. us: processor time of the estimator's own mathematics per step and trial, "
+        f"{found['trials']} trials at once."
+    )
+
+
+def print_notes(found: Mapping[str, Any]) -> None:
+    """Print what a reader of the table must know."""
+    print(_legend(found))
+    if found["feedback"]:
+        print(f"A prediction is fed back: {', '.join(found['feedback'])}.")
+    for metric, words in (("rmse_position_m", "RMSE"), ("armse_position_m", "mean RMSE")):
+        best = found["best"][metric]
+        if best is None or best["runner_up"] is None:
+            continue
+        ratio = best["ratio"][best["runner_up"]]
+        print(
+            f"{words}: {best['name']} is {'' if best['significant'] else 'not '}significantly the best; "
+            f"{best['runner_up']} / {best['name']} = {number(ratio['value'])} "
+            f"({number(ratio['low'])} to {number(ratio['high'])})"
+        )
+    for name, reason in found["left_out"].items():
+        print(f"left out: {name}: {reason}")
+    print(f"{found['machine']}; {found['run_seconds']:.1f} s")

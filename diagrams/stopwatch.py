@@ -1,0 +1,63 @@
+"""What an estimator costs: the time spent in its own mathematics while a diagram runs."""
+
+from __future__ import annotations
+
+import time
+import weakref
+from typing import Any
+
+from systems.estimators.base import Estimator
+
+__all__ = ["Stopwatch"]
+
+
+class Stopwatch:
+    """Time spent in an estimator's own `first`, `move`, `correct` and `moments`.
+
+    Ports, caches, sensors and scores are not in it, nor blocks before the estimator. It is the processor time of this
+    thread, so that other programs on the machine do not count.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Watched from now on; its numbers stay what they are.
+
+    Attributes
+    ----------
+    seconds : float
+        Time so far [s].
+    steps : int
+        Corrections so far.
+    """
+
+    watched = ("first", "move", "correct", "moments")
+
+    def __init__(self, estimator: Estimator) -> None:
+        self.seconds, self.steps = 0.0, 0
+        self._depth = 0
+        self._trials = estimator.wiring.trials
+        self._estimator = weakref.ref(estimator)
+        for name in self.watched:
+            setattr(estimator, name, self._timed(name, getattr(type(estimator), name)))
+
+    def _timed(self, name: str, method: Any) -> Any:
+        own = self._estimator
+
+        def call(*arguments: Any) -> Any:
+            if self._depth:  # one of the watched calls another
+                return method(own(), *arguments)
+            self._depth += 1
+            began = time.thread_time()
+            try:
+                return method(own(), *arguments)
+            finally:
+                self.seconds += time.thread_time() - began
+                self.steps += name == "correct"
+                self._depth -= 1
+
+        return call
+
+    @property
+    def microseconds(self) -> float:
+        """Mean time of one step of one trial [us]; NaN before the first step."""
+        return 1e6 * self.seconds / (self.steps * self._trials) if self.steps else float("nan")
