@@ -27,7 +27,7 @@ __all__ = ["ParticleEstimator"]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_AT_ONCE = 100_000  # particles: what fits into a processor's cache; more at once are slower
+_AT_ONCE = 20_000  # particles: what fits into a processor's cache; more at once are slower
 _PORTS = COLUMNS[:-1]
 
 
@@ -120,8 +120,10 @@ class ParticleEstimator(Estimator):
         return {**sizes, "motion_input": self.motion.input_size} if self.motion.input_size else sizes
 
     def moments(self, memory: Memory) -> tuple[Array, Array]:
-        """See `Estimator.moments`."""
+        """See `Estimator.moments`; those of a predicted cloud are worked out when somebody asks for them."""
         n = self.motion.size
+        if "mean" not in memory:
+            return self._predicted_moments(memory)
         return memory["mean"], memory["covariance"].reshape(-1, n, n)
 
     def _cloud(self, memory: Memory) -> Cloud:
@@ -221,7 +223,6 @@ class ParticleEstimator(Estimator):
         if motion.input_size:
             carried = {"motion_input": motion.next_input(memory["mean"], memory["motion_input"], dt)}
         particles = np.empty_like(cloud.particles)
-        mean, covariance = np.empty_like(memory["mean"]), np.empty_like(memory["covariance"])
         for group in self._groups_of_trials():
             index, here, own = np.arange(group.start, group.stop), memory["mean"][group], motion
             if motion.input_size:
@@ -230,19 +231,26 @@ class ParticleEstimator(Estimator):
             else:
                 moving = motion
             moved = np.moveaxis(moving.propagate(np.moveaxis(cloud.particles[group], 1, -1), dt), -1, 1)
+            particles[group] = moved
             # a trial that has not started or is lost has no process noise to speak of
             noise = own.process_noise(np.where(np.isfinite(here), here, 1.0), dt)
             if noise.any():
                 root = semidefinite_root(noise)
                 root = root[..., np.any(root != 0, axis=tuple(range(root.ndim - 1)))]
-                moved = moved + root @ draws.normal("motion", index, (root.shape[-1], self.particles))
-            particles[group] = moved
-            weight, _ = normalise(memory["log_weight"][group])
-            mean[group], spread = moments(particles[group], weight)
-            covariance[group] = spread.reshape(index.size, -1)
-        return {**memory, "particles": particles.reshape(mean.shape[0], -1), "mean": mean, "covariance": covariance} | (
-            carried
-        )
+                particles[group] += root @ draws.normal("motion", index, (root.shape[-1], self.particles))
+        kept = {group: memory[group] for group in ("log_weight", "ancestor", "health")}
+        return {"particles": particles.reshape(len(particles), -1), **kept, **carried}
+
+    def _predicted_moments(self, memory: Memory) -> tuple[Array, Array]:
+        cloud, n = self._cloud(memory), self.motion.size
+        mean, covariance = np.empty((self.wiring.trials, n)), np.empty((self.wiring.trials, n, n))
+        for group in self._groups_of_trials():
+            mean[group], covariance[group] = self._moments_of(Cloud(*(array[group] for array in cloud)))
+        return mean, covariance
+
+    @staticmethod
+    def _moments_of(cloud: Cloud) -> tuple[Array, Array]:
+        return moments(cloud.particles, normalise(cloud.log_weight)[0])
 
     def correct(
         self,
@@ -254,53 +262,67 @@ class ParticleEstimator(Estimator):
     ) -> tuple[Memory, Innovation]:
         """See `Estimator.correct`."""
         trials, m, n = measurement.shape[0], self.model.size, self.motion.size
-        alive = np.isfinite(memory["mean"].sum(axis=-1) + memory["covariance"].sum(axis=-1))
-        posterior = {group: np.array(value) for group, value in memory.items()}
+        posterior = {group: np.empty_like(value) for group, value in memory.items()}
+        posterior |= {"mean": np.empty((trials, n)), "covariance": np.empty((trials, n * n))}
+        if self.motion.input_size:
+            posterior["motion_input"] = memory["motion_input"]
         innovation = Innovation(np.full((trials, m), np.nan), np.full(trials, np.nan), np.zeros(trials))
-        cloud, draws = self._cloud(memory), self._draws(epoch)
+        draws = self._draws(epoch)
         for group in self._groups_of_trials():
-            index = np.arange(group.start, group.stop)
-            index = index[alive[group] & np.isfinite(measurement[group]).any(axis=-1)]
-            if index.size == 0:
-                continue
-            whitener = self._whitener if noise_covariance is None else Whitener(noise_covariance[index])
-            own = cloud.rows(index)
-            reading = Reading(self.model, measurement[index], take(platforms, index), whitener)
-            residual = reading.residual(own.particles, np.arange(index.size))
-            missing = ~np.isfinite(measurement[index])
-            if not np.isfinite(residual.sum()):
-                missing |= ~np.isfinite(residual).any(axis=1)
-            rows = np.count_nonzero(~missing, axis=-1)
-            if not rows.all():  # what was measured means nothing for any particle
-                some = np.flatnonzero(rows)
-                if some.size == 0:
-                    continue
-                index, own, missing, rows = index[some], own.rows(some), missing[some], rows[some]
-                residual = residual[some]
-                whitener = self._whitener if noise_covariance is None else Whitener(noise_covariance[index])
-                reading = Reading(self.model, measurement[index], take(platforms, index), whitener)
-            own, health = self._window(own, memory["health"][index])
-            before, _ = normalise(own.log_weight)
-            mean_residual = np.einsum("tk,tkm->tm", before, np.where(np.isfinite(residual), residual, 0.0))
-            result = self.update(own, Likelihood(reading, missing), residual, draws.of(index))
-
-            self._cloud(posterior).particles[index] = result.cloud.particles
-            posterior["log_weight"][index] = result.cloud.log_weight
-            posterior["ancestor"][index] = result.cloud.ancestor
-            posterior["mean"][index] = result.mean
-            posterior["covariance"][index] = result.covariance.reshape(-1, n * n)
-            now = evidence(result.log_evidence, result.spread, rows)
-            recent = follow(health[:, 3], now)
-            ancestors = unique_sorted(result.cloud.ancestor)
-            diverged = (recent < LEAST_EVIDENCE) | (ancestors <= n)
-            posterior["health"][index] = np.stack(
-                [result.effective, ancestors, now, recent, diverged, result.stages, health[:, 6], health[:, 7] + 1],
-                axis=-1,
-            )
-            innovation.value[index] = np.where(missing, np.nan, mean_residual)
-            innovation.nis[index] = normalised_innovation(result.innovation, result.spread)
-            innovation.nis_dof[index] = rows
+            part = {name: value[group] for name, value in memory.items()}
+            whitener = self._whitener if noise_covariance is None else Whitener(noise_covariance[group])
+            carriers = platforms if platforms.shape[0] == 1 else platforms[group]
+            reading = Reading(self.model, measurement[group], carriers, whitener)
+            given = draws.of(np.arange(group.start, group.stop))
+            after, (value, nis, rows) = self._correct_group(part, reading, given)
+            for name, array in after.items():
+                posterior[name][group] = array
+            innovation.value[group], innovation.nis[group], innovation.nis_dof[group] = value, nis, rows
         return posterior, innovation
+
+    def _correct_group(self, memory: Memory, reading: Reading, draws: Draws) -> tuple[Memory, Innovation]:
+        """Correct some trials; one that is lost, or of which nothing is measured, stays as it is."""
+        prior, n = self._cloud(memory), self.motion.size
+        everyone = np.arange(len(prior.particles))
+        residual = reading.residual(prior.particles, everyone)
+        missing = ~np.isfinite(reading.measurement)
+        if not np.isfinite(residual.sum()):
+            missing |= ~np.isfinite(residual).any(axis=1)
+        rows = np.count_nonzero(~missing, axis=-1)
+        value, nis = np.full(missing.shape, np.nan), np.full(len(rows), np.nan)
+        if not rows.all():
+            some = np.flatnonzero(rows)
+            after = dict(memory)
+            mean, covariance = self._moments_of(prior)
+            after |= {"mean": mean, "covariance": covariance.reshape(len(mean), -1)}
+            if some.size:
+                part = {name: array[some] for name, array in after.items()}
+                told = self._correct_group(part, reading.rows(some), draws.of(some))
+                for name, array in told[0].items():
+                    after[name] = after[name].copy()
+                    after[name][some] = array
+                value[some], nis[some] = told[1].value, told[1].nis
+            return after, Innovation(value, nis, rows)
+        prior, health = self._window(prior, memory["health"])
+        weight, _ = normalise(prior.log_weight)
+        known = residual if np.isfinite(residual.sum()) else np.where(np.isfinite(residual), residual, 0.0)
+        value = (np.moveaxis(known, -1, 1) @ weight[..., None])[..., 0]
+        result = self.update(prior, Likelihood(reading, missing), residual, draws)
+        now = evidence(result.log_evidence, result.spread, rows)
+        recent = follow(health[:, 3], now)
+        ancestors = unique_sorted(result.cloud.ancestor)
+        diverged = (recent < LEAST_EVIDENCE) | (ancestors <= n)
+        columns = [result.effective, ancestors, now, recent, diverged, result.stages, health[:, 6], health[:, 7] + 1]
+        after = {
+            "particles": result.cloud.particles.reshape(len(rows), -1),
+            "log_weight": result.cloud.log_weight,
+            "ancestor": result.cloud.ancestor,
+            "mean": result.mean,
+            "covariance": result.covariance.reshape(len(rows), -1),
+            "health": np.stack(columns, axis=-1),
+        }
+        nis = normalised_innovation(result.innovation, result.spread)
+        return after, Innovation(np.where(missing, np.nan, value), nis, rows)
 
     def _window(self, cloud: Cloud, health: Array) -> tuple[Cloud, Array]:
         """Count ancestors anew in trials whose window is over."""
@@ -316,6 +338,9 @@ class ParticleEstimator(Estimator):
 
     def _calc_posterior(self, context: Context) -> tuple[Memory, Innovation, Mask]:
         memory, innovation, started = super()._calc_posterior(context)
+        if "mean" not in memory:
+            mean, covariance = self.moments(memory)
+            memory = {**memory, "mean": mean, "covariance": covariance.reshape(len(mean), -1)}
         again = self.start.again
         if not self.restart or again is None:
             return memory, innovation, started

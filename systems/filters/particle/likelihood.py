@@ -32,6 +32,12 @@ class Reading:
     def __init__(self, model: MeasurementModel, measurement: Array, platforms: Array, whitener: Whitener) -> None:
         self.model, self.measurement, self.platforms, self.whitener = model, measurement, platforms, whitener
 
+    def rows(self, which: NDArray[np.intp]) -> Reading:
+        """Return what some trials are told."""
+        covariance = self.whitener.covariance
+        whitener = self.whitener if covariance.ndim == 2 else Whitener(covariance[which])
+        return Reading(self.model, self.measurement[which], take(self.platforms, which), whitener)
+
     def residual(self, cloud: Array, which: NDArray[np.intp]) -> Array:
         """Return measured minus predicted (len(which), N, m) for the clouds (len(which), n, N) of some trials."""
         everyone = which.size == self.measurement.shape[0]
@@ -82,7 +88,7 @@ class Likelihood:
             white = residual * (root if root.ndim == 1 else root[:, None])
         else:
             white = residual @ np.swapaxes(root, -1, -2)
-        log_likelihood = np.einsum("tnm,tnm->tn", white, white)
+        log_likelihood = np.square(white).sum(axis=-1)
         log_likelihood *= -0.5
         if not np.isfinite(np.sum(log_likelihood)):
             impossible = ~np.isfinite(log_likelihood)

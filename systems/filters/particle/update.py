@@ -204,7 +204,7 @@ class ParticleUpdate:
 
             last = step >= remaining
             again = ~last | (effective < self.threshold * count)
-            self._finish(done, active, last & ~again, Cloud(cloud.particles, log_weight, cloud.ancestor))
+            done = self._finish(done, active, last & ~again, Cloud(cloud.particles, log_weight, cloud.ancestor))
             for array, value in ((done.mean, mean), (done.covariance, covariance), (done.effective, effective)):
                 array[active] = value
             done.stages[active] += 1
@@ -215,7 +215,7 @@ class ParticleUpdate:
                 cloud, weight, mean, covariance = cloud.rows(rows), weight[rows], mean[rows], covariance[rows]
                 last, step, remaining, active = last[rows], step[rows], remaining[rows], active[rows]
             cloud = self.resample(cloud, weight, mean, covariance, draws, active, stage)
-            self._finish(done, active, last, cloud)
+            done = self._finish(done, active, last, cloud)
             rows = np.flatnonzero(~last)
             active, remaining = active[rows], (remaining - step)[rows]
             if rows.size < last.size:
@@ -224,8 +224,11 @@ class ParticleUpdate:
         return done
 
     @staticmethod
-    def _finish(done: Updated, active: Index, last: NDArray[np.bool_], cloud: Cloud) -> None:
-        """Write the clouds of those trials of `active` that are at their last stage."""
+    def _finish(done: Updated, active: Index, last: NDArray[np.bool_], cloud: Cloud) -> Updated:
+        """Return `done` with the clouds of those trials of `active` that are at their last stage."""
+        if last.all() and active.size == done.stages.size:
+            return done._replace(cloud=cloud)
         if last.any():
             for array, value in zip(done.cloud, cloud, strict=True):
                 array[active[last]] = value[last]
+        return done

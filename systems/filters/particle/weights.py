@@ -39,6 +39,9 @@ def normalise(log_weight: Array) -> tuple[Array, Array]:
     The largest is shifted to 0 first: a sum of exponentials that all underflow is never divided by. (In linear weights
     nearly all particles of a sharp likelihood are exactly 0, and sooner or later all of them.)
     """
+    if not log_weight.any():  # after resampling
+        count = log_weight.shape[-1]
+        return np.full(log_weight.shape, 1 / count), np.full(log_weight.shape[:-1], np.log(count))
     largest = log_weight.max(axis=-1, keepdims=True)
     weight = np.exp(log_weight - largest)
     total = weight.sum(axis=-1, keepdims=True)
