@@ -18,6 +18,18 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from diagrams.errors import UserError
+from diagrams.launch import (
+    Constants,
+    Falcon9,
+    Geodetic,
+    Rocket,
+    Site,
+    Track,
+    launch_site,
+    rocket_model,
+    station_positions,
+    vehicle_block,
+)
 from diagrams.sensor_errors import NO_CLOCKS, Place, SensorErrors, known_platforms, refuse, spoil
 from diagrams.system import System, Wired
 from systems.clocks import Periodic
@@ -29,18 +41,16 @@ from systems.measurement.geometry import line_of_sight
 from systems.measurement.range_rate import RangeRate
 from systems.measurement.visibility import SphericalMask
 from systems.motion.current_statistical import CurrentStatistical, MeanAcceleration
+from systems.motion.known_flight import KnownFlight
 from systems.motion.random_walk import RandomWalk as RandomWalkMotion
-from systems.motion.rocket import LaunchSite, RocketModel
-from systems.motion.rocket import Stage as RocketStage
 from systems.plants.joined import join
 from systems.plants.mode_schedule import ModeSchedule
 from systems.plants.model_plant import ModelPlant
 from systems.plants.oscillator import BiasLaw, OscillatorBias
-from systems.plants.rocket import Rocket as RocketPlant
 from systems.registry import estimator_options
 from systems.sensors.beacon import BeaconStations
 from systems.sensors.offset_prior import OffsetPrior
-from systems.signals import Constant, EnsembleBlock
+from systems.signals import Constant
 
 __all__ = ["SYSTEM", "Scenario", "launch_site", "rocket_model", "station_positions"]
 
@@ -51,83 +61,7 @@ if TYPE_CHECKING:
 else:
     EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
-_KM = 1e3
-_DEEPEST = 500.0  # m below the sphere; the lowest land is at -430 m
 _UNKNOWNS = ("x", "y", "z", "vx", "vy", "vz", "bias")  # of one sample
-
-
-@dataclass
-class Constants:
-    """Physical constants."""
-
-    mu_m3ps2: float = number("gravitational parameter of the Earth [m^3/s^2]", 3.986004418e14, above=0)
-    earth_radius_m: float = number("radius of the spherical Earth [m]", 6371e3, above=0)
-    earth_rate_radps: float = number("rotation rate of the Earth [rad/s]", 7.292115e-5)
-
-
-@dataclass
-class Site:
-    """Where the launch frame stands."""
-
-    latitude_deg: float = number("latitude [deg]", 38.85, at_least=-90, at_most=90)
-    longitude_deg: float = number("longitude [deg]", 111.61)
-    azimuth_deg: float = number("of X, clockwise from north [deg]", 190.0)
-
-
-@dataclass
-class Stage:
-    """A stage of a rocket."""
-
-    dry_t: float = number("mass without propellant [t]", 1.0, above=0)
-    propellant_t: float = number("propellant [t]", 10.0, above=0)
-    thrust_kn: float = number("thrust in vacuum [kN]", 100.0, above=0)
-    mass_flow_kgps: float = number("propellant used at full thrust [kg/s]", 30.0, above=0)
-    ignition_s: float = number("when it ignites [s]", 0.0, at_least=0)
-    cutoff_s: float | None = number("when it is cut off [s]; null: when the propellant is used up", None, above=0)
-    nozzle_area_m2: float = number("pressure loss over air pressure [m^2]", 0.0, at_least=0)
-
-
-@dataclass
-class Rocket:
-    """A rocket of several stages on a pitch program."""
-
-    stages: list[Stage] = documented("stages in the order of their burning", factory=list)
-    payload_t: float = number("payload [t]", 2.0, above=0)
-    fairing_t: float = number("fairing [t]", 1.5, at_least=0)
-    fairing_drop_s: float = number("when the fairing is dropped [s]", 200.0, above=0)
-    separation_s: float = number("a burnt-out stage is dropped this long after cut-off [s]", 1.0, at_least=0)
-    ramp_s: float = number("thrust rises and falls within this time [s]", 0.2, above=0)
-    reference_area_m2: float = number("area of the drag [m^2]", 8.8, at_least=0)
-    pitch_times_s: list[float] = documented("knots of the pitch program [s]", factory=lambda: [0.0, 400.0])
-    pitch_deg: list[float] = documented("pitch above the horizontal of the site [deg]", factory=lambda: [90.0, 0.0])
-    yaw_deg: float = number("final yaw towards -Z, turned in from 12 to 42 s [deg]", 1.0)
-
-
-@dataclass
-class Falcon9:
-    """The recorded flight of a Falcon 9 (speed and altitude off the webcast), read from the data folder."""
-
-    flight: str = choice("which flight", "Iridium_NEXT_6", ("Iridium_NEXT_6",))
-    smoothing_s: float = number("width of the smoothing of speed and altitude [s]", 4.0, above=0)
-    largest_gap_s: float = number("telemetry with a longer gap is refused [s]", 2.0, above=0)
-
-
-@dataclass
-class Track:
-    """A station by its place beside the ground track."""
-
-    down_km: float = number("down-range along the launch azimuth [km]", 0.0)
-    cross_km: float = number("across, towards +Z [km]", 0.0)
-    height_m: float = number("height [m]", 0.0)
-
-
-@dataclass
-class Geodetic:
-    """A station by latitude and longitude on the spherical Earth."""
-
-    latitude_deg: float = number("latitude [deg]", 38.85, at_least=-90, at_most=90)
-    longitude_deg: float = number("longitude [deg]", 111.61)
-    height_m: float = number("height [m]", 0.0)
 
 
 @dataclass
@@ -249,94 +183,6 @@ class Scenario:
     estimators: dict[str, EstimatorChoice] = documented("the estimators side by side", factory=dict)
 
 
-# ---------------------------------------------------------------------------------------------- truth and places
-
-
-def launch_site(scenario: Scenario) -> LaunchSite:
-    """Return the launch frame."""
-    site, constants = scenario.site, scenario.constants
-    return LaunchSite(
-        math.radians(site.latitude_deg),
-        math.radians(site.longitude_deg),
-        math.radians(site.azimuth_deg),
-        constants.earth_radius_m,
-        constants.earth_rate_radps,
-    )
-
-
-def rocket_model(scenario: Scenario) -> RocketModel:
-    """Return the rocket's equations of motion.
-
-    Raises
-    ------
-    UserError
-        If the vehicle is not a `Rocket`.
-    """
-    v = scenario.vehicle
-    if not isinstance(v, Rocket):
-        raise UserError(f"vehicle: {type(v).__name__} is recorded; equations of motion are for !Rocket")
-    stages = [
-        RocketStage(
-            1e3 * s.dry_t,
-            1e3 * s.propellant_t,
-            1e3 * s.thrust_kn,
-            s.mass_flow_kgps,
-            s.ignition_s,
-            math.inf if s.cutoff_s is None else s.cutoff_s,
-            s.nozzle_area_m2,
-        )
-        for s in v.stages
-    ]
-    return RocketModel(
-        launch_site(scenario),
-        stages,
-        1e3 * v.payload_t,
-        1e3 * v.fairing_t,
-        v.fairing_drop_s,
-        v.pitch_times_s,
-        np.radians(v.pitch_deg),
-        math.radians(v.yaw_deg),
-        v.reference_area_m2,
-        v.ramp_s,
-        v.separation_s,
-        scenario.constants.mu_m3ps2,
-    )
-
-
-def station_positions(scenario: Scenario) -> Array:
-    """Return the stations in the launch frame [m], shape (stations, 3).
-
-    Raises
-    ------
-    UserError
-        If there is none, or one is inside the Earth.
-    """
-    if not scenario.stations:
-        raise UserError("stations: none is given; at least one is needed")
-    site, places = launch_site(scenario), []
-    for i, station in enumerate(scenario.stations):
-        if station.height_m < -_DEEPEST:
-            raise UserError(
-                f"stations.{i}.height_m: {station.height_m:g} is not allowed; the station would be inside the Earth "
-                f"(>= {-_DEEPEST:g} m)"
-            )
-        if isinstance(station, Track):
-            places.append(site.from_track(station.down_km * _KM, station.cross_km * _KM, station.height_m))
-        else:
-            angles = math.radians(station.latitude_deg), math.radians(station.longitude_deg)
-            places.append(site.from_geodetic(*angles, station.height_m))
-    return np.array(places)
-
-
-def _vehicle(scenario: Scenario) -> EnsembleBlock:
-    """Return the block with the ports state, acceleration and stage."""
-    if isinstance(scenario.vehicle, Rocket):
-        return RocketPlant(rocket_model(scenario), scenario.stop_s, name="rocket")
-    from diagrams.falcon9 import falcon9_plant
-
-    return falcon9_plant(scenario.vehicle, launch_site(scenario), scenario.stop_s)
-
-
 def _limits(scenario: Scenario, plant: Any) -> tuple[Array, Array]:
     """Return the largest and smallest acceleration per axis that the estimators believe in."""
     belief = scenario.belief
@@ -405,6 +251,19 @@ def _mode_block(scenario: Scenario, stations: int) -> ModeSchedule:
     return ModeSchedule([(w.begin_s, w.end_s) for w in mode.transponder], delays)
 
 
+def _truth_motion(scenario: Scenario) -> KnownFlight | None:
+    """Return the motion that the bounds may believe in: the flown acceleration known, the bias's law too.
+
+    None where the bias is none of a state's: redrawn at every sample, growing with a power of time, or jumping to the
+    transponder's range rate and back.
+    """
+    if any(w.end_s > scenario.start_s and w.begin_s < scenario.stop_s for w in scenario.mode.transponder):
+        return None
+    if isinstance(scenario.bias, RandomWalkBias):
+        return KnownFlight([scenario.bias.density_m2ps3])
+    return KnownFlight([0.0]) if isinstance(scenario.bias, ConstantBias | LinearBias) else None
+
+
 def _start_covariance(belief: Belief, biased: bool) -> Array:
     sigmas = [belief.sigma_position_m] * 3 + [belief.sigma_velocity_mps] * 3 + [belief.sigma_acceleration_mps2] * 3
     return np.diag(np.square([*sigmas, belief.sigma_bias_mps] if biased else sigmas))
@@ -418,7 +277,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     clock = Periodic(scenario.period_s, scenario.start_s)
     positions = station_positions(scenario)
     count_ = len(positions)
-    vehicle = builder.AddSystem(_vehicle(scenario))
+    vehicle = builder.AddSystem(vehicle_block(scenario))
     _warn_unobservable(positions, vehicle, scenario)
     site = builder.AddSystem(Constant("sites", np.concatenate([positions, np.zeros_like(positions)], axis=1).ravel()))
     platforms = site.GetOutputPort("state")
@@ -476,7 +335,9 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     largest, smallest = _limits(scenario, vehicle)
     density = belief.bias_variance_per_step_m2ps2 / scenario.period_s
     sigma = scenario.sensor.sigma_mps if belief.sigma_mps is None else belief.sigma_mps
-    wiring = Wiring(trials, RangeRate(sigma, range(count_)).names, clock, platforms=count_, platform_trials=known_trials)
+    wiring = Wiring(
+        trials, RangeRate(sigma, range(count_)).names, clock, platforms=count_, platform_trials=known_trials
+    )
     blocks = {}
     for name in estimators:
         options = scenario.estimators[name]
@@ -512,7 +373,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         duration=scenario.stop_s,
         divergence=scenario.divergence_m,
         start_covariance=start_covariance,
-        truth_motion=None,
+        truth_motion=_truth_motion(scenario),
         start_uses_measurement=False,
         signals={"mode": mode.GetOutputPort("mode"), "stage": vehicle.GetOutputPort("stage")},
         frame="launch",

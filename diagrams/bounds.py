@@ -20,12 +20,22 @@ from diagrams.system import Wired
 from systems.estimators.base import Estimator
 from systems.filters.linear_algebra import cholesky, symmetric
 from systems.filters.square_root import Gains
-from systems.filters.whitening import Whitener, missing_rows
+from systems.filters.whitening import Whitener, whitened_jacobian
 from systems.frames import up
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 
-__all__ = ["BoundSums", "StudyBounds", "add_bounds", "bound_curves", "bound_squares", "bound_steps", "posterior_bound"]
+__all__ = [
+    "BoundSums",
+    "StudyBounds",
+    "add_bounds",
+    "alike",
+    "bound_curves",
+    "bound_squares",
+    "bound_steps",
+    "posterior_bound",
+    "rows_present",
+]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -118,7 +128,8 @@ def bound_steps(
             seen = None if present is None else present[:, k]
             if varies:
                 whitener = Whitener(model.noise_covariance_at(truth[:, k], platforms[:, k]))
-            root = Gains(root, _whitened_rows(root, truth[:, k], platforms[:, k], model, whitener, seen)).root()
+            rows = whitened_jacobian(model.jacobian(truth[:, k], platforms[:, k]), whitener, seen) @ root
+            root = Gains(root, rows).root()
         yield np.where(lost[:, None, None], np.nan, root @ np.swapaxes(root, -1, -2))
 
 
@@ -130,22 +141,12 @@ def _without_lost(matrices: Array, lost: Mask) -> tuple[Array, Mask]:
     return np.where(broken[:, None, None], np.eye(matrices.shape[-1]), matrices), lost | broken
 
 
-def _whitened_rows(
-    root: Array, state: Array, platforms: Array, model: MeasurementModel, whitener: Whitener, seen: Mask | None
-) -> Array:
-    jacobian = model.jacobian(state, platforms)
-    missing = missing_rows(jacobian.sum(axis=-1))
-    if seen is not None and not seen.all():
-        missing = ~seen if missing is None else missing | ~seen
-    if missing is not None:
-        jacobian = np.where(missing[..., None], 0.0, jacobian)
-    return whitener.matrix(missing) @ (jacobian @ root)
-
-
 # --------------------------------------------------------------------------------------------- over trials
 
 
-def bound_squares(covariance: Array, truth: Array, axes: int = 3, frame: str = "earth_fixed") -> Array:
+def bound_squares(
+    covariance: Array, truth: Array, axes: int = 3, frame: str = "earth_fixed", bias: int | None = None
+) -> Array:
     """Return the squared bounds of every trial.
 
     Parameters
@@ -158,14 +159,17 @@ def bound_squares(covariance: Array, truth: Array, axes: int = 3, frame: str = "
         Number of space dimensions.
     frame : {'earth_fixed', 'local'}
         Axes of the states; see `Wired`.
+    bias : int, optional
+        Which component of the state is a bias.
 
     Returns
     -------
-    ndarray, shape (5, ...)
+    ndarray, shape (6, ...)
         In the order of `diagrams.metrics.QUANTITIES`: trace of the position part [m^2], variance along the
         ellipsoid's normal [m^2], trace of the velocity part [m^2/s^2], variance of the velocity along the horizontal
-        course [m^2/s^2] and, across it, of the course [deg^2]. NaN for what is not in the state, and for the course
-        of a target at rest. (That the local axes turn with the place, 1e-7 rad/m, is left out of the last two.)
+        course [m^2/s^2] and, across it, of the course [deg^2], variance of the bias. NaN for what is not in the
+        state, and for the course of a target at rest. (That the local axes turn with the place, 1e-7 rad/m, is left
+        out of speed and course.)
     """
     place, state = covariance[..., :axes, :axes], truth[..., :axes]
     position = _trace(place)
@@ -176,8 +180,9 @@ def bound_squares(covariance: Array, truth: Array, axes: int = 3, frame: str = "
     else:
         normal = up(state)
         height = _variance(place, normal)
+    biased = undefined if bias is None else covariance[..., bias, bias]
     if covariance.shape[-1] < 2 * axes:
-        return np.stack(np.broadcast_arrays(position, height, undefined, undefined, undefined))
+        return np.stack(np.broadcast_arrays(position, height, undefined, undefined, undefined, biased))
     moving, velocity = covariance[..., axes : 2 * axes, axes : 2 * axes], truth[..., axes : 2 * axes]
     if axes < 3:  # level motion
         moving = np.pad(moving, [(0, 0)] * (moving.ndim - 2) + [(0, 3 - axes)] * 2)
@@ -187,7 +192,7 @@ def bound_squares(covariance: Array, truth: Array, axes: int = 3, frame: str = "
     with np.errstate(invalid="ignore", divide="ignore"):
         ahead = level / np.where(speed > 0, speed, np.nan)[..., None]
         turn = np.degrees(np.cross(ahead, normal)) / speed[..., None]
-    parts = position, height, _trace(moving), _variance(moving, ahead), _variance(moving, turn)
+    parts = position, height, _trace(moving), _variance(moving, ahead), _variance(moving, turn), biased
     return np.stack(np.broadcast_arrays(*parts))
 
 
@@ -214,7 +219,7 @@ class BoundSums:
         self._counts = np.zeros((len(QUANTITIES), epochs))
 
     def add(self, squares: Array, trials: int) -> None:
-        """Add squares (5, time, trials or 1) of a chunk of `trials`; those that are NaN are not counted.
+        """Add squares (6, time, trials or 1) of a chunk of `trials`; those that are NaN are not counted.
 
         One trial after the other, so that the sum does not depend, to the last bit, on how a study is cut.
         """
@@ -242,7 +247,7 @@ def bound_curves(covariance: Array, truth: Array) -> dict[str, Array]:
     Returns
     -------
     dict of str to ndarray, shape (time,)
-        ``position`` [m], ``height`` [m], ``velocity`` [m/s], ``speed`` [m/s], ``course`` [deg].
+        ``position`` [m], ``height`` [m], ``velocity`` [m/s], ``speed`` [m/s], ``course`` [deg], ``bias``.
     """
     sums = BoundSums(covariance.shape[1])
     sums.add(np.moveaxis(bound_squares(covariance, truth), 1, -1), covariance.shape[0])
@@ -315,18 +320,15 @@ class StudyBounds:
         model = estimator.bound_model
         key = (model, motion, start)
         for known, squares in done:
-            if _alike(key, known):
+            if alike(key, known):
                 return squares
         seen = None
         if present is not None:
-            stream = list(self.wired.stream or estimator.wiring.stream)
-            if set(model.names) <= set(stream) and present.shape[-1] == len(stream):
-                seen = present[..., [stream.index(row) for row in model.names]]
-            else:  # rows that are made of all that is measured
-                seen = np.repeat(present.all(axis=-1, keepdims=True), model.size, axis=-1)
+            seen = rows_present(self.wired, estimator, present)
         steps = bound_steps(truth, platforms, self.times, model, motion, start, self.wired.start_uses_measurement, seen)
         axes, frame = self.wired.axes, self.wired.frame
-        squares = np.stack([bound_squares(p, truth[:, k], axes, frame) for k, p in enumerate(steps)], axis=1)
+        bias = estimator.motion.names.index("bias") if "bias" in estimator.motion.names else None
+        squares = np.stack([bound_squares(p, truth[:, k], axes, frame, bias) for k, p in enumerate(steps)], axis=1)
         done.append((key, squares))
         return squares
 
@@ -335,17 +337,39 @@ class StudyBounds:
 
         The estimators are in the diagram's order, the epochs are all of the clock.
         """
+        # heights and courses refer to the ellipsoid
+        shown = {*QUANTITIES} if self.wired.frame in ("earth_fixed", "local") else {"position", "velocity", "bias"}
+        if not any("bias" in estimator.motion.names for estimator in self.wired.estimators.values()):
+            shown.discard("bias")
         found = {}
         names = list(self.wired.estimators)
         for kind in ("bound", "bound_truth"):
             curves = [self._sums[name, kind].curves() for name in names]
-            # the others refer to the ellipsoid
-            for what in QUANTITIES if self.wired.frame in ("earth_fixed", "local") else ("position", "velocity"):
+            for what in (quantity for quantity in QUANTITIES if quantity in shown):
                 found[f"{kind}_{what}"] = (("estimator", "time"), np.stack([curve[what] for curve in curves]))
         return found
 
 
-def _alike(a: Any, b: Any) -> bool:
+def rows_present(wired: Wired, estimator: Estimator, present: Mask) -> Mask:
+    """Return which rows of an estimator's `bound_model` were measured, shape (..., m).
+
+    Parameters
+    ----------
+    wired : Wired
+    estimator : Estimator
+        One of its estimators.
+    present : ndarray of bool, shape (..., rows of the measurement stream)
+        Which rows of the stream were measured.
+    """
+    model = estimator.bound_model
+    stream = list(wired.stream or estimator.wiring.stream)
+    if set(model.names) <= set(stream) and present.shape[-1] == len(stream):
+        return present[..., [stream.index(row) for row in model.names]]
+    # rows that are made of all that is measured
+    return np.repeat(present.all(axis=-1, keepdims=True), model.size, axis=-1)
+
+
+def alike(a: Any, b: Any) -> bool:
     """Return whether two things are the same in all that they consist of."""
     if a is b:
         return True
@@ -354,11 +378,11 @@ def _alike(a: Any, b: Any) -> bool:
     if isinstance(a, np.ndarray):
         return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f"))
     if isinstance(a, list | tuple):
-        return len(a) == len(b) and all(_alike(p, q) for p, q in zip(a, b, strict=True))
+        return len(a) == len(b) and all(alike(p, q) for p, q in zip(a, b, strict=True))
     if isinstance(a, dict):
-        return a.keys() == b.keys() and all(_alike(a[key], b[key]) for key in a)
+        return a.keys() == b.keys() and all(alike(a[key], b[key]) for key in a)
     if hasattr(a, "__dict__") and not callable(a):
-        return _alike(vars(a), vars(b))
+        return alike(vars(a), vars(b))
     return bool(a == b)
 
 

@@ -17,6 +17,7 @@ SYSTEMS: dict[str, str] = {
     "bearing_crossing": "diagrams.bearing_crossing:SYSTEM",
     "beacon_rocket": "diagrams.beacon_rocket:SYSTEM",
     "satellite_ranging": "diagrams.satellite_ranging:SYSTEM",
+    "dual_satellite": "diagrams.dual_satellite:SYSTEM",
 }
 """Where each system is, as ``module:NAME``; a new system is one line here."""
 

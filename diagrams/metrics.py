@@ -39,13 +39,14 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-QUANTITIES = ("position", "height", "velocity", "speed", "course")
-"""What errors and bounds are about: position and height [m], velocity and horizontal speed [m/s], course [deg]."""
+QUANTITIES = ("position", "height", "velocity", "speed", "course", "bias")
+"""What errors and bounds are about: position and height [m], velocity and horizontal speed [m/s], course [deg], and
+bias [m/s] where it is in the state."""
 
 BOUNDS = tuple(f"{kind}_{what}" for kind in ("bound", "bound_truth") for what in QUANTITIES)
 """Names of the bounds that a result may carry, each (estimator, time), in the units of `QUANTITIES`."""
 
-_UNITS = dict(zip(QUANTITIES, ("m", "m", "mps", "mps", "deg"), strict=True))
+_UNITS = dict(zip(QUANTITIES, ("m", "m", "mps", "mps", "deg", "mps"), strict=True))
 _AT_REST = 1e-6  # m/s; below it a course means nothing
 _HUGE = 1e150  # stands for infinity while percentiles are interpolated; its square is still finite
 
@@ -396,14 +397,13 @@ def _summarise_one(dataset: xr.Dataset) -> dict[str, Any]:
     def curve(name: str) -> list[float | None]:
         return _plain(curves[name]) if name in curves else list(missing)
 
-    summary: dict[str, Any] = {f"rmse_{name}_{unit}": curve(name) for name, unit in _UNITS.items()}
-    if "bias" in curves:
-        summary["rmse_bias_mps"] = curve("bias")
+    quantities = [name for name in QUANTITIES if name != "bias" or name in curves]
+    summary: dict[str, Any] = {f"rmse_{name}_{_UNITS[name]}": curve(name) for name in quantities}
     summary["median_position_m"] = _plain(median(error["position"]).values[0])
     summary["nees_mean"] = _plain(nees["mean"].values[0])
     summary["nis_mean"] = _plain(nis["mean"].values[0])
     summary["nis_dof_mean"] = _plain(nis["dof_mean"].values[0])
-    for name in BOUNDS:
+    for name in (bound for bound in BOUNDS if bound.rpartition("_")[2] in quantities):
         values = dataset[name].values[0] if name in dataset else np.full(time.size, np.nan)
         summary[f"{name}_{_UNITS[name.rpartition('_')[2]]}"] = _plain(values)
     name = str(dataset["estimator"].values[0])

@@ -18,7 +18,7 @@ from diagrams.errors import UserError
 from diagrams.results import OutputFolder, open_result, write_summary
 from diagrams.tables import print_table
 
-__all__ = ["draw_command", "gdop_command", "replay_command", "run_command"]
+__all__ = ["draw_command", "gdop_command", "observe_command", "replay_command", "run_command"]
 
 
 def run_command(
@@ -162,6 +162,29 @@ def gdop_command(
     with OutputFolder(out or Path("gdop"), overwrite) as folder:
         gdop_figures(resolved, folder.partial)
         folder.finish()
+
+
+def observe_command(
+    system: str,
+    estimators: Sequence[str] | None,
+    window: float | None,
+    settings: Sequence[str] | None,
+    scenario: Path | None,
+    out: Path | None,
+    overwrite: bool,
+) -> None:
+    """Say what is observable; see ``quietfix observe --help``."""
+    from diagrams.observability import observe, observe_figures, report, write_observability
+
+    found = observe(system, estimators=estimators, window=window, scenario=scenario, set=settings)
+    if out is not None:
+        with OutputFolder(out, overwrite) as folder:
+            write_observability(folder.partial / "summary.json", found, system)
+            observe_figures(found, system, folder.partial)
+            folder.finish()
+    report(found, system)
+    if out is not None:
+        print(f"wrote {out}: summary.json, figures")
 
 
 def replay_command(

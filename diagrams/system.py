@@ -44,8 +44,9 @@ class Wired:
         ``(estimator name, truth (trials, n), platforms) -> (trials, n, n)``: covariance of the start at the truth;
         it is the prior of the bounds.
     truth_motion : MotionModel, optional
-        The motion that the truth really has, for the bound that does not know the filter's process noise; None where
-        it is none of the models (a rocket's thrust), and that bound is then NaN.
+        The motion that the truth really has, for the bound that does not know the filter's process noise (of a rocket:
+        deviations from a flight whose acceleration is known); None where it is none of the models, and that bound is
+        then NaN.
     start_uses_measurement : bool
         Whether the first epoch's measurement is spent on the start.
     signals : mapping of str to OutputPort

@@ -14,7 +14,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from diagrams import formation
 from diagrams.errors import UserError
+from diagrams.formation import (
+    Constants,
+    GreatCircle,
+    Kepler,
+    Offset,
+    PositionVelocity,
+    RandomAcceleration,
+    ReferenceOrbit,
+    StraightLine,
+    add_emitter,
+)
 from diagrams.sensor_errors import Place, Seat, SensorErrors, known_platforms, spoil
 from diagrams.system import System, Wired
 from systems.clocks import Periodic
@@ -35,11 +47,6 @@ from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.measurement.visibility import ElevationMask
 from systems.motion.constant_velocity import ConstantVelocity
-from systems.motion.gravity import GravityConstants
-from systems.motion.kepler import KeplerElements, state_of
-from systems.plants.emitter import GreatCircle as GreatCirclePlant
-from systems.plants.emitter import StraightLine as StraightLinePlant
-from systems.plants.model_plant import ModelPlant
 from systems.plants.orbit import DenseOrbit
 from systems.registry import estimator_options
 from systems.sensors.sensor import Sensor
@@ -56,70 +63,6 @@ else:
 _KM = 1e3
 _KINDS = ("tdoa", "fdoa", "phase_a", "phase_b")
 _PHASE_AXES: dict[str, Sequence[Axis]] = {"phase_a": ("a",), "phase_b": ("b",), "phase": ("a", "b")}
-
-
-@dataclass
-class Constants:
-    """Physical constants."""
-
-    mu_m3ps2: float = number("gravitational parameter of the Earth [m^3/s^2]", 3.986004418e14, above=0)
-    earth_radius_m: float = number("equatorial radius of the Earth [m]", 6378137.0, above=0)
-    j2: float = number("second zonal harmonic; 0 is two-body motion", 1.0826261e-3)
-    earth_rate_radps: float = number("rotation rate of the Earth [rad/s]", 7.292115e-5)
-
-
-@dataclass
-class ReferenceOrbit:
-    """A circular orbit with ascending node 0, argument of latitude 0 at t = 0."""
-
-    altitude_km: float = number("height above the equatorial radius [km]", 700.0, above=0)
-    inclination_deg: float = number("inclination [deg]", 60.0, above=0, at_most=179.9)
-
-
-@dataclass
-class Offset:
-    """A satellite in a circular orbit beside the reference orbit."""
-
-    along_km: float = number("ahead of the reference along the track [km]", 0.0)
-    across_km: float = number("to the right of the track at the node, by a shifted node [km]", 0.0)
-
-
-@dataclass
-class Kepler:
-    """A satellite by Kepler elements at t = 0; inertial and Earth-fixed axes coincide then."""
-
-    semi_major_axis_km: float = number("semi-major axis [km]", 7078.137, above=0)
-    eccentricity: float = number("eccentricity", 0.0, at_least=0, at_most=0.9)
-    inclination_deg: float = number("inclination [deg]", 60.0)
-    raan_deg: float = number("right ascension of the ascending node [deg]", 0.0)
-    argument_of_perigee_deg: float = number("argument of perigee [deg]", 0.0)
-    true_anomaly_deg: float = number("true anomaly [deg]", 0.0)
-
-
-@dataclass
-class PositionVelocity:
-    """A satellite by its inertial position and velocity at t = 0."""
-
-    position_km: list[float] = documented("inertial x, y, z [km]", factory=lambda: [7078.137, 0.0, 0.0])
-    velocity_kmps: list[float] = documented("inertial vx, vy, vz [km/s]", factory=lambda: [0.0, 3.75, 6.5])
-
-
-@dataclass
-class StraightLine:
-    """A straight line in Earth-fixed axes, as the filter's model has it."""
-
-
-@dataclass
-class GreatCircle:
-    """Constant height and speed along a great circle."""
-
-
-@dataclass
-class RandomAcceleration:
-    """The filter's own kind of motion: velocity drawn per trial, process noise; for consistency tests."""
-
-    acceleration_mps2: float = number("standard deviation of the acceleration in a step [m/s^2]", 0.1, at_least=0)
-    sigma_velocity_mps: float = number("standard deviation of the initial velocity [m/s]", 400.0, at_least=0)
 
 
 @dataclass
@@ -201,61 +144,14 @@ class Scenario:
 # ------------------------------------------------------------------------------------------------ geometry
 
 
-def _constants(scenario: Scenario) -> GravityConstants:
-    c = scenario.constants
-    return GravityConstants(mu=c.mu_m3ps2, radius=c.earth_radius_m, j2=c.j2, earth_rate=c.earth_rate_radps)
-
-
 def satellite_states(scenario: Scenario) -> Array:
-    """Return the satellites' inertial states at t = 0, shape (satellites, 6).
-
-    Raises
-    ------
-    UserError
-        If there are not three.
-    """
-    if len(scenario.satellites) != 3:
-        raise UserError(f"satellites: {len(scenario.satellites)} are given; exactly 3 are needed")
-    mu = scenario.constants.mu_m3ps2
-    a = scenario.constants.earth_radius_m + scenario.reference_orbit.altitude_km * _KM
-    inclination = math.radians(scenario.reference_orbit.inclination_deg)
-    states = []
-    for i, satellite in enumerate(scenario.satellites):
-        if isinstance(satellite, Offset):
-            node = satellite.across_km * _KM / a / math.sin(inclination)
-            latitude = satellite.along_km * _KM / a - node * math.cos(inclination)
-            elements = KeplerElements(a, 0.0, inclination, node, 0.0, latitude)
-        elif isinstance(satellite, Kepler):
-            elements = KeplerElements(
-                satellite.semi_major_axis_km * _KM,
-                satellite.eccentricity,
-                *(
-                    math.radians(angle)
-                    for angle in (
-                        satellite.inclination_deg,
-                        satellite.raan_deg,
-                        satellite.argument_of_perigee_deg,
-                        satellite.true_anomaly_deg,
-                    )
-                ),
-            )
-        else:
-            for field in ("position_km", "velocity_kmps"):
-                value = getattr(satellite, field)
-                if len(value) != 3 or not np.all(np.isfinite(value)):
-                    raise UserError(f"satellites.{i}.{field}: {value} is not allowed; three finite numbers")
-            states.append(_KM * np.array([*satellite.position_km, *satellite.velocity_kmps]))
-            continue
-        states.append(state_of(elements, mu))
-    return np.array(states)
+    """Return the three satellites' inertial states at t = 0, shape (3, 6); see `formation.satellite_states`."""
+    return formation.satellite_states(scenario, 3)
 
 
 def satellite_orbit(scenario: Scenario) -> DenseOrbit:
     """Return the block of the satellites."""
-    constants = _constants(scenario)
-    return DenseOrbit(
-        satellite_states(scenario), scenario.duration_s, constants=constants, j2=constants.j2 != 0, name="satellites"
-    )
+    return formation.satellite_orbit(scenario, 3)
 
 
 def track_axes(scenario: Scenario, orbit: DenseOrbit) -> Array:
@@ -370,24 +266,13 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     start_state = target_state(scenario, orbit)
     _check_visible(scenario, orbit, start_state)
 
-    motion = scenario.truth.motion
-    truth_motion = ConstantVelocity(0.0)
-    if isinstance(motion, RandomAcceleration):
-        truth_motion = ConstantVelocity(motion.acceleration_mps2)
-        mean = np.concatenate([start_state[:3], np.zeros(3)])
-        spread = np.diag([0.0] * 3 + [motion.sigma_velocity_mps**2] * 3)
-        emitter = builder.AddSystem(ModelPlant(truth_motion, clock, mean, spread, trials, name="emitter"))
-    else:
-        kind = GreatCirclePlant if isinstance(motion, GreatCircle) else StraightLinePlant
-        emitter = builder.AddSystem(kind(start_state, name="emitter"))
+    emitter, truth_motion = add_emitter(builder, scenario.truth.motion, start_state, clock, trials)
     truth = emitter.GetOutputPort("state")
     truth_trials = emitter.output_size("state")[0]
 
     resolving = any(not scenario.estimators[name].resolves_phases for name in estimators)
     known, known_trials = known_platforms(builder, scenario.truth.errors, platforms, trials, 3)
-    sensor, stream, resolver = _add_sensor(
-        builder, scenario, clock, (trials, truth_trials, known_trials), resolving
-    )
+    sensor, stream, resolver = _add_sensor(builder, scenario, clock, (trials, truth_trials, known_trials), resolving)
     believed = models(scenario, believed=True)
     assumed = builder.AddSystem(
         Sensor(
@@ -531,17 +416,15 @@ def _spoilt(
 
 def _check_visible(scenario: Scenario, orbit: DenseOrbit, target: Array) -> None:
     """Refuse what cannot be measured or started at all."""
-    times = np.linspace(0.0, scenario.duration_s, 31)
-    platforms = inertial_to_earth_fixed(orbit.at(times), times[:, None], scenario.constants.earth_rate_radps)
-    moving = target + times[:, None] * np.concatenate([target[3:], np.zeros(3)])
     mask = ElevationMask(math.radians(scenario.truth.minimum_elevation_deg), "target")
-    if not mask.visible(moving, platforms).any():
+    if not formation.seen_at_all(scenario, orbit, target, mask):
         raise UserError(
             f"truth.along_km, truth.cross_km: ({scenario.truth.along_km:g}, {scenario.truth.cross_km:g}) is not "
             f"allowed; the target is below {scenario.truth.minimum_elevation_deg:g} deg elevation of all satellites "
             "for the whole pass"
         )
-    if scenario.belief.start == "closed_form" and not np.all(has_closed_form(platforms[:1])):
+    platforms = inertial_to_earth_fixed(orbit.at(0.0), 0.0, scenario.constants.earth_rate_radps)
+    if scenario.belief.start == "closed_form" and not np.all(has_closed_form(platforms[None])):
         raise UserError(
             "belief.start: closed_form is not allowed for this formation (collinear, or in one plane with the "
             "Earth's centre); newton or auto"

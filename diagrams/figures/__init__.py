@@ -29,14 +29,15 @@ def study_figures(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
     Returns
     -------
     list of Path
-        ``error_position``, ``error_height``, ``error_speed``, ``error_course``, ``percentiles_position``, ``nees``,
-        ``nis``, ``ground``, ``convergence``, all ``.png``; without those whose numbers the result does not have.
+        ``error_position``, ``error_height``, ``error_speed``, ``error_course``, ``error_bias``,
+        ``percentiles_position``, ``nees``, ``nis``, ``ground``, ``convergence``, all ``.png``; without those whose
+        numbers the result does not have.
     """
     target = Path(folder)
     dataset = dataset.load()
     error = errors(dataset)
     written = []
-    for quantity in ("position", "height", "speed", "course"):
+    for quantity in ("position", "height", "speed", "course", "bias"):
         if quantity in error:
             figure = draw_error(dataset, quantity, rmse(error[quantity]))
             written.append(save(figure, target / f"error_{quantity}.png"))

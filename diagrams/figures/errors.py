@@ -22,6 +22,7 @@ _LABELS = {
     "height": "height error [m]",
     "speed": "horizontal speed error [m/s]",
     "course": "course error [deg]",
+    "bias": "bias error [m/s]",
 }
 _BOUNDS = {
     "bound": ((0, (4, 1.5, 1, 1.5)), "bound: filter's process noise"),
@@ -36,7 +37,7 @@ def draw_error(dataset: xr.Dataset, quantity: str, curve: xr.DataArray) -> Figur
     ----------
     dataset : xarray.Dataset
         A study's result.
-    quantity : {'position', 'height', 'speed', 'course'}
+    quantity : {'position', 'height', 'speed', 'course', 'bias'}
         What is drawn.
     curve : xarray.DataArray, dims (estimator, time)
         Its RMSE.

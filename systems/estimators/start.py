@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["GivenStart", "PortStart", "Start"]
+__all__ = ["CloudStart", "GivenStart", "PortStart", "Start"]
 
 Array = NDArray[np.float64]
 
@@ -24,10 +24,14 @@ class Start(ABC):
         Further input ports that the estimator declares for its start, with their sizes.
     count : int
         Most hypotheses that it gives in a trial; more than one only to an estimator that can tell them apart.
+    again : Start or None
+        How a trial that is lost can begin again from a measurement alone; None where nothing is known of that. Its
+        `inputs` are among those of this start.
     """
 
     uses_measurement: bool = False
     count: int = 1
+    again: Start | None = None
 
     @property
     def inputs(self) -> Mapping[str, int]:
@@ -46,6 +50,26 @@ class Start(ABC):
             Known carriers.
         inputs : mapping of str to ndarray, shape (trials, size)
             What the ports named by `inputs` carry.
+        """
+
+
+class CloudStart(Start):
+    """A start that can also draw from what it knows, where one Gaussian cannot say it."""
+
+    @abstractmethod
+    def cloud(
+        self, measurement: Array, platforms: Array, inputs: Mapping[str, Array], white: Array
+    ) -> tuple[Array, Array]:
+        """Return particles (trials, particles, n) and their log weights (trials, particles), up to a constant.
+
+        NaN in a trial that cannot start yet.
+
+        Parameters
+        ----------
+        measurement, platforms, inputs
+            See `Start.begin`.
+        white : ndarray, shape (trials, particles, n)
+            Standard normal numbers, which the draws are made of.
         """
 
 

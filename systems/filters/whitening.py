@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Whitener", "missing_rows", "unknown_rows"]
+__all__ = ["Whitener", "missing_rows", "unknown_rows", "whitened_jacobian"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -94,6 +94,26 @@ class Whitener:
         if not np.isfinite(np.sum(kept)):
             raise ValueError("the noise covariance must be finite in every row that is measured")
         return np.where(missing[..., None], 0.0, _inverse_root(kept))
+
+
+def whitened_jacobian(jacobian: Array, whitener: Whitener, seen: Mask | None = None) -> Array:
+    """Return W H, whose square is the Fisher information of one measurement; rows that are missing are 0.
+
+    Parameters
+    ----------
+    jacobian : ndarray, shape (..., m, n)
+        H; a row that is not finite counts as missing.
+    whitener : Whitener
+        Of the noise.
+    seen : ndarray of bool, shape (..., m), optional
+        Which rows were measured; by default all.
+    """
+    missing = missing_rows(jacobian.sum(axis=-1))
+    if seen is not None and not seen.all():
+        missing = ~seen if missing is None else missing | ~seen
+    if missing is not None:
+        jacobian = np.where(missing[..., None], 0.0, jacobian)
+    return whitener.matrix(missing) @ jacobian
 
 
 def _inverse_root(covariance: Array) -> Array:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.frames import nadir_frame_earth_fixed
 from systems.measurement.base import positive
+from systems.measurement.body_frame import body_frame
 from systems.measurement.geometry import LineOfSight
 from systems.measurement.light_time import EARTH_RATE
 from systems.measurement.sighted import SightedModel
@@ -51,15 +50,6 @@ def phase_angle(phase: Array, baseline: float, wavelength: float) -> Array:
     n = positive(baseline, "baseline", "m") / positive(wavelength, "wavelength", "m")
     cosine = np.asarray(phase, dtype=float) / (2 * np.pi * n)
     return np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
-
-
-@lru_cache(maxsize=4)
-def _nadir_frame(carrier: bytes, shape: tuple[int, ...], earth_rate: float) -> Array:
-    """Return the nadir frame of carriers (..., 6); all iterations of all filters ask for that of one instant."""
-    state = np.frombuffer(carrier).reshape(shape)
-    frame = nadir_frame_earth_fixed(state[..., :3], state[..., 3:], earth_rate)
-    frame.setflags(write=False)
-    return frame
 
 
 class InterferometerPhase(SightedModel):
@@ -115,8 +105,7 @@ class InterferometerPhase(SightedModel):
 
     def body_axes(self, platforms: Array) -> Array:
         """Return 2 pi n times the baseline directions in Earth-fixed axes, shape (..., m, 3)."""
-        carrier = np.ascontiguousarray(platforms[..., self.platform, :6])
-        frame = _nadir_frame(carrier.tobytes(), carrier.shape, self.earth_rate)
+        frame = body_frame(platforms, self.platform, self.earth_rate)
         return (2 * np.pi * self.cycles) * frame[..., self._rows, :]
 
     def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:

@@ -82,7 +82,11 @@ def test_a_short_run_settles_and_both_filters_agree():
     summary = summarise(data)["ukf"]
     assert summary["rmse_bias_mps"][-1] < 0.5 and summary["rmse_height_m"][-1] is None
     assert summary["bound_position_m"][-1] == pytest.approx(summary["rmse_position_m"][-1], rel=0.6)
-    assert summary["bound_truth_position_m"][-1] is None
+    # who knows the acceleration does better than the filter's model allows, in everything
+    for what in ("position_m", "velocity_mps", "bias_mps"):
+        assert 0 < summary[f"bound_truth_{what}"][-1] < summary[f"bound_{what}"][-1]
+    # far from the mean of 0.16: 3 trials, and a truth that is smoother than the filter's model
+    assert 0.2 < summary["rmse_bias_mps"][-1] / summary["bound_bias_mps"][-1] < 2.0
     time = data["time"].values
     assert time[0] == 50.0 and time[-1] == 115.0 and time.size == 1301
     # 50 m on every axis before the first measurement, which one epoch cannot do much about

@@ -145,7 +145,9 @@ def test_numbers_are_those_of_the_study():
         bound = float(result["bound_position"][i, -1])
         np.testing.assert_allclose(row["efficiency"]["value"], curve[-1] / bound, rtol=1e-12)
         assert not row["efficiency_means_something"]  # a straight line, and the filter has process noise
-        np.testing.assert_allclose(row["nees_per_state"]["value"], float(result["nees"][i, :, -1].mean()) / 6, rtol=1e-12)
+        np.testing.assert_allclose(
+            row["nees_per_state"]["value"], float(result["nees"][i, :, -1].mean()) / 6, rtol=1e-12
+        )
     best = found["best"]["rmse_position_m"]
     assert best["ratio"]["iekf_tdoa_phase"]["low"] > 1 and not best["significant"]  # iekf and ekf are alike
     # at another time
@@ -168,13 +170,12 @@ def test_efficiency_where_truth_moves_as_believed():
 
 
 def test_who_looks_ahead_cannot_be_the_best():
-    found = compare(
-        "satellite_ranging", estimators=["ra_look_ahead", "bo"], trials=4, set=["duration_s=300"]
-    )
+    found = compare("satellite_ranging", estimators=["ra_look_ahead", "bo"], trials=4, set=["duration_s=300"])
     assert not found["estimators"]["ra_look_ahead"]["causal"]
     assert found["best"]["armse_position_m"]["name"] == "bo"
-    assert found["estimators"]["ra_look_ahead"]["armse_position_m"]["value"] < (
-        found["estimators"]["bo"]["armse_position_m"]["value"]
+    assert (
+        found["estimators"]["ra_look_ahead"]["armse_position_m"]["value"]
+        < (found["estimators"]["bo"]["armse_position_m"]["value"])
     )
 
 

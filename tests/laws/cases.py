@@ -23,8 +23,10 @@ from systems.measurement.altitude import Altitude
 from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.bearing import Bearing
 from systems.measurement.direct_azimuth import DirectAzimuth
+from systems.measurement.direction import Direction, DirectionCosines
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.phase import InterferometerPhase
+from systems.measurement.position import Position
 from systems.measurement.range_rate import RangeRate
 from systems.measurement.ranged_position import RangedPosition
 from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
@@ -37,6 +39,7 @@ from systems.motion.current_statistical import CurrentStatistical
 from systems.motion.gauss_markov import GaussMarkov
 from systems.motion.gravity import GravityConstants
 from systems.motion.kepler import KeplerElements, mean_motion, state_of
+from systems.motion.known_flight import KnownFlight
 from systems.motion.orbital import OrbitalMotion
 from systems.motion.pass_oscillator import PassOscillator
 from systems.motion.random_walk import RandomWalk
@@ -224,6 +227,14 @@ MEASUREMENTS = {
     "bearing, elevation": (Bearing(np.radians(2.0), np.radians(1.0)), "aircraft"),
     "bearings of two": (Stack([Bearing(0.03), _renamed(Bearing(0.02, platform=1))]), "aircraft"),
     "direct azimuth": (DirectAzimuth(0.03), "angles"),
+    "direction": (Direction(0.01), "satellites"),
+    "direction, another carrier": (Direction(0.01, 0.02, platform=2), "satellites"),
+    "direction cosines": (DirectionCosines(0.01), "satellites"),
+    "direction, delay, doppler": (
+        Stack([Direction(0.01), tdoa(receivers=(1,)), fdoa(receivers=(1,), light_time=True)]),
+        "satellites",
+    ),
+    "position": (Position(5e3), "satellites"),
 }
 """Every measurement model, in every option that changes its mathematics: model and geometry."""
 
@@ -274,6 +285,7 @@ MOTIONS = {
         _FLIGHT,
     ),
     "current statistical, no bias": (CurrentStatistical(2.0, *_LIMITS, 5.0, [], "filtered"), _FLIGHT[:, :9]),
+    "known flight": (KnownFlight([20.0]), _FLIGHT),
     "random walk": (RandomWalk([0.1, 2.0], ["a", "b"], ["m/s", "rad"]), np.array([[1.0, 2.0], [30.0, -4.0]])),
     "pass oscillator": (PassOscillator([1e3, 1.0, 1e-2], 100.0, 1e-6), np.array([[3e3, 2e3, 1e3, 300.0, 1.2, 0.01]])),
     "pass oscillator, bias alone": (PassOscillator([1e3], 100.0), np.array([[3e3, 2e3, 1e3, 300.0]])),

@@ -71,7 +71,9 @@ def test_roll_of_the_interferometer_is_a_phase_of_the_across_axis():
     moved -= PHASE.predict(TARGET, SATELLITE[None])
     offset = body(SATELLITE) @ (TARGET - SATELLITE)[:3]
     np.testing.assert_allclose(moved[0], 0, atol=1e-12)
-    np.testing.assert_allclose(moved[1], 2 * np.pi * 30 * np.radians(0.05) * offset[2] / np.linalg.norm(offset), rtol=1e-3)
+    np.testing.assert_allclose(
+        moved[1], 2 * np.pi * 30 * np.radians(0.05) * offset[2] / np.linalg.norm(offset), rtol=1e-3
+    )
 
 
 def test_turned_axes_of_angles_and_rates():

@@ -1,0 +1,375 @@
+"""Two satellites track an airborne emitter by direction of arrival, TDOA and FDOA of the cross-ambiguity function.
+
+The main satellite measures the direction of arrival; the auxiliary one relays its signal, and the cross-ambiguity
+function of both gives the differences of delay and Doppler. This is the system of the patent whose particle filter is
+`pf_sir` here; its own simulations are not in the text that is public.
+"""
+
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Union
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from diagrams import formation
+from diagrams.errors import UserError
+from diagrams.formation import (
+    Constants,
+    GreatCircle,
+    Kepler,
+    Offset,
+    PositionVelocity,
+    RandomAcceleration,
+    ReferenceOrbit,
+    StraightLine,
+    add_emitter,
+)
+from diagrams.system import System, Wired
+from systems.clocks import Periodic
+from systems.documented import choice, documented, number
+from systems.estimators.base import Estimator, Wiring
+from systems.estimators.direction_start import DirectionStart
+from systems.estimators.options import EstimatorOptions
+from systems.estimators.particle import ParticleEstimator
+from systems.estimators.prior_position_start import PriorPositionStart
+from systems.frames import geodetic_state
+from systems.measurement.altitude import Altitude
+from systems.measurement.base import MeasurementModel
+from systems.measurement.direction import BodyDirection, Direction, DirectionCosines
+from systems.measurement.fdoa import Fdoa
+from systems.measurement.position import Position
+from systems.measurement.stack import Stack
+from systems.measurement.tdoa import Tdoa
+from systems.measurement.visibility import ElevationMask
+from systems.motion.constant_velocity import ConstantVelocity
+from systems.plants.orbit import DenseOrbit
+from systems.registry import estimator_options
+from systems.sensors.sensor import Sensor
+
+__all__ = ["SYSTEM", "Measured", "Scenario", "Truth", "delay_doppler_sigmas", "models", "target_state"]
+
+Array = NDArray[np.float64]
+
+if TYPE_CHECKING:
+    EstimatorChoice = EstimatorOptions
+else:
+    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
+
+_KM = 1e3
+_SATELLITES = 2
+_KINDS = ("direction", "tdoa", "fdoa")
+
+
+@dataclass
+class Truth:
+    """What is the case."""
+
+    latitude_deg: float = number("geodetic latitude of the target at t = 0 [deg]", 4.0, at_least=-90, at_most=90)
+    longitude_deg: float = number("longitude of the target at t = 0 [deg]", 5.0, at_least=-360, at_most=360)
+    height_km: float = number("height of the target above the ellipsoid [km]", 10.0, above=-1, at_most=500)
+    speed_mps: float = number("speed of the target [m/s]", 300.0, at_least=0, at_most=8000)
+    course_deg: float = number("course of the target, clockwise from north [deg]", 60.0)
+    motion: StraightLine | GreatCircle | RandomAcceleration = documented(
+        "how the target moves: !StraightLine, !GreatCircle or !RandomAcceleration", factory=StraightLine
+    )
+    carrier_ghz: float = number("carrier frequency of the emitter [GHz]", 3.0, above=0)
+    direction: str = choice(
+        "angles: azimuth and depression at the main satellite; cosines: direction cosines, for above 85 deg depression",
+        "angles",
+        ("angles", "cosines"),
+    )
+    sigma_direction_deg: float = number("standard deviation of each angle of the direction [deg]", 0.5, above=0)
+    differences: str = choice(
+        "errors of TDOA and FDOA. stated: the two standard deviations below; stein: those that signal-to-noise ratio, "
+        "bandwidth and integration time leave",
+        "stated",
+        ("stated", "stein"),
+    )
+    sigma_tdoa_ns: float = number("stated standard deviation of the TDOA [ns]", 20.0, above=0)
+    sigma_fdoa_hz: float = number("stated standard deviation of the FDOA [Hz]", 1.0, above=0)
+    snr_main_db: float = number("stein: signal-to-noise ratio in the noise bandwidth, main satellite [dB]", -13.0)
+    snr_auxiliary_db: float = number("stein: the same at the auxiliary satellite [dB]", -13.0)
+    noise_bandwidth_mhz: float = number("stein: noise bandwidth of both receivers [MHz]", 2.5, above=0)
+    rms_bandwidth_mhz: float = number(
+        "stein: rms width of the signal's spectrum about its centre [MHz]", 0.587, above=0
+    )
+    integration_ms: float = number("stein: integration time [ms]", 16.384, above=0)
+    light_time: bool = documented("TDOA and FDOA of one wave front, instead of geometry of one instant", False)
+    sigma_prior_position_km: float = number("error of the prior position per axis [km]", 5.0, above=0)
+    sigma_assumed_height_km: float = number("error of the height that is assumed without a prior [km]", 3.0, above=0)
+    minimum_elevation_deg: float = number(
+        "a satellite lower than this over the target's horizon hears nothing [deg]", 0.0, at_least=-90, at_most=89
+    )
+
+
+@dataclass
+class Belief:
+    """What the estimators believe; null means: as the truth."""
+
+    acceleration_mps2: float = number("process noise: acceleration in a step [m/s^2]", 0.1, at_least=0)
+    sigma_velocity_mps: float = number("velocity at the start is 0 with this standard deviation [m/s]", 200.0, above=0)
+    start: str = choice(
+        "prior: from a prior position; measurement: from the first direction, TDOA and FDOA and an assumed height",
+        "prior",
+        ("prior", "measurement"),
+    )
+    sigma_prior_position_km: float | None = number("error of the prior position per axis [km]", None, above=0)
+    sigma_assumed_height_km: float | None = number("error of the assumed height [km]", None, above=0)
+    sigma_direction_deg: float | None = number("standard deviation of each angle of the direction [deg]", None, above=0)
+    sigma_tdoa_ns: float | None = number("standard deviation of the TDOA [ns]", None, above=0)
+    sigma_fdoa_hz: float | None = number("standard deviation of the FDOA [Hz]", None, above=0)
+    light_time: bool | None = documented("TDOA and FDOA of one wave front", None)
+
+
+@dataclass
+class Scenario:
+    """Scenario of `dual_satellite`."""
+
+    duration_s: float = number("length of the pass [s]", 150.0, above=0)
+    period_s: float = number("time between measurements [s]", 1.0, above=0)
+    divergence_m: float = number("a trial further off than this at the end has diverged [m]", 20e3, above=0)
+    constants: Constants = documented("physical constants", factory=Constants)
+    reference_orbit: ReferenceOrbit = documented("orbit that the offsets refer to", factory=ReferenceOrbit)
+    satellites: list[Offset | Kepler | PositionVelocity] = documented(
+        "the two satellites, !Offset, !Kepler or !PositionVelocity; the first is the main one and finds directions",
+        factory=list,
+    )
+    truth: Truth = documented("what is the case", factory=Truth)
+    belief: Belief = documented("what the estimators believe", factory=Belief)
+    estimators: dict[str, EstimatorChoice] = documented("the estimators side by side", factory=dict)
+
+
+# -------------------------------------------------------------------------------------------------- models
+
+
+def target_state(scenario: Scenario) -> Array:
+    """Return the target's Earth-fixed state at t = 0, shape (6,)."""
+    truth = scenario.truth
+    place = math.radians(truth.latitude_deg), math.radians(truth.longitude_deg), truth.height_km * _KM
+    return geodetic_state(*place, math.radians(truth.course_deg), truth.speed_mps)
+
+
+def delay_doppler_sigmas(truth: Truth) -> tuple[float, float]:
+    r"""Return the standard deviations of TDOA [s] and FDOA [Hz] of the truth.
+
+    .. math:: \sigma_\tau = \frac{1}{\beta\sqrt{B T\gamma}}, \qquad \sigma_f = \frac{1}{T_e\sqrt{B T\gamma}}, \qquad
+              \gamma = \frac{2\gamma_0\gamma_1}{1 + \gamma_0 + \gamma_1}, \quad T_e = \frac{\pi T}{\sqrt 3}
+
+    with :math:`\beta = 2\pi` times the rms bandwidth: Stein, *Algorithms for ambiguity function processing*, IEEE
+    Trans. Acoustics, Speech and Signal Processing 29 (1981) 588-599.
+    """
+    if truth.differences == "stated":
+        return truth.sigma_tdoa_ns * 1e-9, truth.sigma_fdoa_hz
+    main, auxiliary = 10 ** (truth.snr_main_db / 10), 10 ** (truth.snr_auxiliary_db / 10)
+    gamma = 2 * main * auxiliary / (1 + main + auxiliary)
+    time = truth.integration_ms * 1e-3
+    output = math.sqrt(truth.noise_bandwidth_mhz * 1e6 * time * gamma)
+    beta, effective = 2 * math.pi * truth.rms_bandwidth_mhz * 1e6, math.pi * time / math.sqrt(3)
+    return 1 / (beta * output), 1 / (effective * output)
+
+
+def models(scenario: Scenario, believed: bool) -> dict[str, MeasurementModel]:
+    """Return the measurement models, of the truth or as the estimators believe them, by kind.
+
+    Keys ``direction``, ``tdoa``, ``fdoa``.
+    """
+    truth, belief = scenario.truth, scenario.belief
+    sigma_tdoa, sigma_fdoa = delay_doppler_sigmas(truth)
+
+    def chosen(field: str) -> Any:
+        value = getattr(belief, field) if believed else None
+        return getattr(truth, field) if value is None else value
+
+    if believed and belief.sigma_tdoa_ns is not None:
+        sigma_tdoa = belief.sigma_tdoa_ns * 1e-9
+    if believed and belief.sigma_fdoa_hz is not None:
+        sigma_fdoa = belief.sigma_fdoa_hz
+    rate = scenario.constants.earth_rate_radps
+    common = {"receivers": (1,), "light_time": chosen("light_time"), "earth_rate": rate}
+    sigma = math.radians(chosen("sigma_direction_deg"))
+    direction = Direction if truth.direction == "angles" else DirectionCosines
+    return {
+        "direction": direction(sigma, earth_rate=rate),
+        "tdoa": Tdoa(sigma_tdoa, **common),
+        "fdoa": Fdoa(sigma_fdoa, truth.carrier_ghz * 1e9, **common),
+    }
+
+
+def _believed_stack(scenario: Scenario, name: str) -> MeasurementModel:
+    options = scenario.estimators[name]
+    available = models(scenario, believed=True)
+    kinds = list(options.measurements) or list(_KINDS)
+    unknown = [kind for kind in kinds if kind not in available]
+    if unknown:
+        raise UserError(f"estimators.{name}.measurements: {unknown} is not allowed; any of {', '.join(_KINDS)}")
+    return Stack([available[kind] for kind in kinds])
+
+
+# -------------------------------------------------------------------------------------------------- wiring
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A stream of measurements for the estimators, wherever it comes from.
+
+    Attributes
+    ----------
+    port : OutputPort
+        The rows, (trials, rows).
+    rows : sequence of str
+        Their names.
+    noise_covariance : OutputPort, optional
+        R of the rows, (trials, rows * rows), where it comes with the measurement.
+    signals : dict of str to OutputPort
+        What else is worth a log.
+    """
+
+    port: OutputPort
+    rows: Sequence[str]
+    noise_covariance: OutputPort | None = None
+    signals: dict[str, OutputPort] | None = None
+
+
+def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str], trials: int) -> Wired:
+    """Put truth, sensors, starts and estimators into a diagram; see `diagrams.system.System`."""
+    orbit = builder.AddSystem(formation.satellite_orbit(scenario, _SATELLITES))
+    platforms = orbit.GetOutputPort("state")
+    clock = Periodic(scenario.period_s)
+    start_state = target_state(scenario)
+    _check_visible(scenario, orbit, start_state)
+    emitter, truth_motion = add_emitter(builder, scenario.truth.motion, start_state, clock, trials)
+    truth = emitter.GetOutputPort("state")
+
+    measured = _add_sensor(builder, scenario, clock, trials, truth, platforms)
+    return _add_estimators(builder, scenario, estimators, clock, trials, truth, truth_motion, platforms, measured)
+
+
+def _add_sensor(
+    builder: DiagramBuilder, scenario: Scenario, clock: Periodic, trials: int, truth: OutputPort, platforms: OutputPort
+) -> Measured:
+    """Add the sensor at measurement level: direction, TDOA and FDOA with the errors that the scenario states."""
+    real = models(scenario, believed=False)
+    stack = Stack([real[kind] for kind in _KINDS])
+    sensor = _sensor(builder, scenario, stack, clock, trials, truth, platforms, "sensor")
+    return Measured(sensor.GetOutputPort("measurement"), stack.names)
+
+
+def _sensor(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    model: MeasurementModel,
+    clock: Periodic,
+    trials: int,
+    truth: OutputPort,
+    platforms: OutputPort,
+    name: str,
+) -> Sensor:
+    truth_trials = truth.get_system().output_size(truth.get_name())[0]
+    mask = ElevationMask(math.radians(scenario.truth.minimum_elevation_deg), "target")
+    sensor = builder.AddSystem(
+        Sensor(model, clock, trials, _SATELLITES, target_trials=truth_trials, mask=mask, name=name)
+    )
+    builder.Connect(truth, sensor.GetInputPort("target"))
+    builder.Connect(platforms, sensor.GetInputPort("platforms"))
+    return sensor
+
+
+def _start(scenario: Scenario, measured: Measured) -> PriorPositionStart | DirectionStart:
+    """Return how the estimators begin, and begin again."""
+    truth, belief = scenario.truth, scenario.belief
+    believed = models(scenario, believed=True)
+    direction, tdoa, fdoa = (believed[kind] for kind in _KINDS)
+    assert isinstance(direction, BodyDirection) and isinstance(tdoa, Tdoa) and isinstance(fdoa, Fdoa)
+    height = (belief.sigma_assumed_height_km or truth.sigma_assumed_height_km) * _KM
+    velocity = belief.sigma_velocity_mps
+    noisy = measured.noise_covariance is not None
+    once = DirectionStart(direction, tdoa, fdoa, measured.rows, height, velocity, noisy)
+    if belief.start == "measurement":
+        return once
+    position = (belief.sigma_prior_position_km or truth.sigma_prior_position_km) * _KM
+    return PriorPositionStart(position, velocity, again=once)
+
+
+def _add_estimators(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    estimators: Sequence[str],
+    clock: Periodic,
+    trials: int,
+    truth: OutputPort,
+    truth_motion: ConstantVelocity,
+    platforms: OutputPort,
+    measured: Measured,
+) -> Wired:
+    """Add what the estimators start from and the estimators, on any stream of measurements."""
+    start = _start(scenario, measured)
+    sources = {"start_noise_covariance": measured.noise_covariance, "noise_covariance": measured.noise_covariance}
+    known = {
+        "prior_position": Position(scenario.truth.sigma_prior_position_km * _KM, "prior_position"),
+        "assumed_height": Altitude(scenario.truth.sigma_assumed_height_km * _KM, "assumed_height"),
+    }
+    for port, model in known.items():
+        if port in start.inputs:
+            block = _sensor(builder, scenario, model, clock, trials, truth, platforms, port)
+            sources[port] = block.GetOutputPort("measurement")
+
+    blocks: dict[str, Estimator] = {}
+    signals = dict(measured.signals or {})
+    for name in estimators:
+        wiring = Wiring(
+            trials,
+            list(measured.rows),
+            clock,
+            platforms=_SATELLITES,
+            noise_port=measured.noise_covariance is not None,
+        )
+        motion = ConstantVelocity(scenario.belief.acceleration_mps2)
+        block = builder.AddSystem(
+            scenario.estimators[name].make(name, _believed_stack(scenario, name), motion, start, wiring)
+        )
+        builder.Connect(measured.port, block.GetInputPort("measurement"))
+        builder.Connect(platforms, block.GetInputPort("platforms"))
+        for port in (*start.inputs, *(["noise_covariance"] if wiring.noise_port else [])):
+            source = sources[port]
+            assert source is not None
+            builder.Connect(source, block.GetInputPort(port))
+        blocks[name] = block
+        if isinstance(block, ParticleEstimator):
+            signals |= {f"{port}_{name}": block.GetOutputPort(port) for port in block.health_ports()}
+
+    return Wired(
+        truth=truth,
+        platforms=platforms,
+        measurement=measured.port,
+        estimators=blocks,
+        clock=clock,
+        duration=scenario.duration_s,
+        divergence=scenario.divergence_m,
+        start_covariance=lambda name, target, carriers: start.covariance_at(target, carriers),
+        truth_motion=truth_motion,
+        start_uses_measurement=start.uses_measurement,
+        signals=signals,
+    )
+
+
+def _check_visible(scenario: Scenario, orbit: DenseOrbit, target: Array) -> None:
+    """Refuse what cannot be measured at all."""
+    mask = ElevationMask(math.radians(scenario.truth.minimum_elevation_deg), "target")
+    if not formation.seen_at_all(scenario, orbit, target, mask):
+        raise UserError(
+            f"truth.latitude_deg, truth.longitude_deg: ({scenario.truth.latitude_deg:g}, "
+            f"{scenario.truth.longitude_deg:g}) is not allowed; the target is below "
+            f"{scenario.truth.minimum_elevation_deg:g} deg elevation of both satellites for the whole pass"
+        )
+
+
+SYSTEM = System(
+    name="dual_satellite",
+    title="airborne emitter, two satellites: direction of arrival, TDOA, FDOA; particle filters",
+    scenario=Scenario,
+    wire=wire,
+)

@@ -1,0 +1,81 @@
+"""What is known of the state at the start against time, and of what the worst known direction consists."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from diagrams.figures.style import grid, log_scale, new_figure
+
+if TYPE_CHECKING:
+    from diagrams.observability import Observability
+
+__all__ = ["draw_observability"]
+
+_LARGEST = 1e6  # of the prior; what is known worse is not drawn
+
+
+def _short(head: str, names: Sequence[str], most: int = 6) -> str:
+    """Return names in a row, the first few of many."""
+    shown = ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+    return f"{head}: {shown}" if head else shown
+
+
+def draw_observability(one: Observability, title: str) -> Figure:
+    """Draw the standard deviation of every direction, and the worst direction's components.
+
+    Parameters
+    ----------
+    one : Observability
+        Over at least one epoch.
+    title : str
+        System and variant.
+    """
+    figure, (above, below) = new_figure(height=9.0, rows=2, sharex=True, height_ratios=(3, 2))
+    elapsed = one.times - one.times[0]
+    step = elapsed[1] if elapsed.size > 1 else 1.0
+    time = elapsed + step  # the first epoch has its place on a logarithmic axis as well
+    sigma, n = one.spectrum.sigma, len(one.components)
+    style = "." if elapsed.size < 3 else "-"
+    for i in range(n):
+        values = np.where(sigma[:, i] < _LARGEST, sigma[:, i], np.nan)
+        worst = i == n - 1
+        above.plot(
+            time,
+            values,
+            style,
+            color="#d55e00" if worst else "#0072b2",
+            alpha=1.0 if worst else 0.3 + 0.6 * i / n,
+            linewidth=2.6 if worst else 1.6,
+            label="worst known direction" if worst else "other directions" if i == 0 else None,
+        )
+    above.axhline(1.0, color="0.3", linestyle=(0, (4, 2)), linewidth=1.3, label="as good as the prior")
+    above.set_xscale("log")
+    log_scale(above)
+    above.set_ylabel("sigma from measurements / prior")
+    grid(above)
+    above.legend(loc="lower left", fontsize=11)
+    shares = one.spectrum.directions[:, -1] ** 2
+    order = [i for i in np.argsort(-shares.max(axis=0)) if shares[:, i].max() > 0.05][:8]
+    if elapsed.size > 1:
+        below.stackplot(time, shares[:, order].T, labels=[one.components[i] for i in order], alpha=0.85, step="post")
+    else:
+        below.bar([time[0]], [1.0], width=0.1, color="none")
+        bottom = 0.0
+        for i in order:
+            below.bar([time[0]], shares[0, i], bottom=bottom, width=0.1, label=one.components[i])
+            bottom += shares[0, i]
+    below.set(xlabel=f"time since the first epoch, plus one period ({step:g} s)", ylabel="worst direction consists of")
+    below.set_ylim(0, 1)
+    below.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=10, frameon=False)
+    if time.size > 1:
+        below.set_xlim(time[0], time[-1])
+    rows = _short("", one.rows)
+    figure.suptitle(
+        f"{_short(title, one.estimators)}\nstate at the start from {rows} alone: no prior, no process noise",
+        fontsize=13,
+    )
+    return figure

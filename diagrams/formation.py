@@ -1,0 +1,210 @@
+"""Satellites in formation and an emitter below them: scenario fields and blocks of the systems that have both."""
+
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder
+
+from diagrams.errors import UserError
+from systems.clocks import Periodic
+from systems.documented import documented, number
+from systems.frames import inertial_to_earth_fixed
+from systems.measurement.visibility import ElevationMask
+from systems.motion.constant_velocity import ConstantVelocity
+from systems.motion.gravity import GravityConstants
+from systems.motion.kepler import KeplerElements, state_of
+from systems.plants.emitter import GreatCircle as GreatCirclePlant
+from systems.plants.emitter import StraightLine as StraightLinePlant
+from systems.plants.model_plant import ModelPlant
+from systems.plants.orbit import DenseOrbit
+from systems.signals import EnsembleBlock
+
+__all__ = [
+    "Constants",
+    "GreatCircle",
+    "Kepler",
+    "Motion",
+    "Offset",
+    "PositionVelocity",
+    "RandomAcceleration",
+    "ReferenceOrbit",
+    "StraightLine",
+    "add_emitter",
+    "gravity_constants",
+    "satellite_orbit",
+    "satellite_states",
+    "seen_at_all",
+]
+
+Array = NDArray[np.float64]
+
+_KM = 1e3
+
+
+@dataclass
+class Constants:
+    """Physical constants."""
+
+    mu_m3ps2: float = number("gravitational parameter of the Earth [m^3/s^2]", 3.986004418e14, above=0)
+    earth_radius_m: float = number("equatorial radius of the Earth [m]", 6378137.0, above=0)
+    j2: float = number("second zonal harmonic; 0 is two-body motion", 1.0826261e-3)
+    earth_rate_radps: float = number("rotation rate of the Earth [rad/s]", 7.292115e-5)
+
+
+@dataclass
+class ReferenceOrbit:
+    """A circular orbit with ascending node 0, argument of latitude 0 at t = 0."""
+
+    altitude_km: float = number("height above the equatorial radius [km]", 700.0, above=0)
+    inclination_deg: float = number("inclination [deg]", 60.0, above=0, at_most=179.9)
+
+
+@dataclass
+class Offset:
+    """A satellite in a circular orbit beside the reference orbit."""
+
+    along_km: float = number("ahead of the reference along the track [km]", 0.0)
+    across_km: float = number("to the right of the track at the node, by a shifted node [km]", 0.0)
+
+
+@dataclass
+class Kepler:
+    """A satellite by Kepler elements at t = 0; inertial and Earth-fixed axes coincide then."""
+
+    semi_major_axis_km: float = number("semi-major axis [km]", 7078.137, above=0)
+    eccentricity: float = number("eccentricity", 0.0, at_least=0, at_most=0.9)
+    inclination_deg: float = number("inclination [deg]", 60.0)
+    raan_deg: float = number("right ascension of the ascending node [deg]", 0.0)
+    argument_of_perigee_deg: float = number("argument of perigee [deg]", 0.0)
+    true_anomaly_deg: float = number("true anomaly [deg]", 0.0)
+
+
+@dataclass
+class PositionVelocity:
+    """A satellite by its inertial position and velocity at t = 0."""
+
+    position_km: list[float] = documented("inertial x, y, z [km]", factory=lambda: [7078.137, 0.0, 0.0])
+    velocity_kmps: list[float] = documented("inertial vx, vy, vz [km/s]", factory=lambda: [0.0, 3.75, 6.5])
+
+
+@dataclass
+class StraightLine:
+    """A straight line in Earth-fixed axes, as the filter's model has it."""
+
+
+@dataclass
+class GreatCircle:
+    """Constant height and speed along a great circle."""
+
+
+@dataclass
+class RandomAcceleration:
+    """The filter's own kind of motion: velocity drawn per trial, process noise; for consistency tests."""
+
+    acceleration_mps2: float = number("standard deviation of the acceleration in a step [m/s^2]", 0.1, at_least=0)
+    sigma_velocity_mps: float = number("standard deviation of the initial velocity [m/s]", 400.0, at_least=0)
+
+
+Motion = StraightLine | GreatCircle | RandomAcceleration
+"""How an emitter may move."""
+
+
+class Formation(Protocol):
+    """What a scenario with satellites has."""
+
+    duration_s: float
+    constants: Constants
+    reference_orbit: ReferenceOrbit
+    satellites: list[Offset | Kepler | PositionVelocity]
+
+
+def gravity_constants(constants: Constants) -> GravityConstants:
+    """Return the physical constants of a scenario as the orbit's equations take them."""
+    return GravityConstants(
+        mu=constants.mu_m3ps2, radius=constants.earth_radius_m, j2=constants.j2, earth_rate=constants.earth_rate_radps
+    )
+
+
+def satellite_states(scenario: Formation, count: int) -> Array:
+    """Return the satellites' inertial states at t = 0, shape (count, 6).
+
+    Raises
+    ------
+    UserError
+        If there are not `count`.
+    """
+    if len(scenario.satellites) != count:
+        raise UserError(f"satellites: {len(scenario.satellites)} are given; exactly {count} are needed")
+    mu = scenario.constants.mu_m3ps2
+    a = scenario.constants.earth_radius_m + scenario.reference_orbit.altitude_km * _KM
+    inclination = math.radians(scenario.reference_orbit.inclination_deg)
+    states = []
+    for i, satellite in enumerate(scenario.satellites):
+        if isinstance(satellite, Offset):
+            node = satellite.across_km * _KM / a / math.sin(inclination)
+            latitude = satellite.along_km * _KM / a - node * math.cos(inclination)
+            elements = KeplerElements(a, 0.0, inclination, node, 0.0, latitude)
+        elif isinstance(satellite, Kepler):
+            elements = KeplerElements(
+                satellite.semi_major_axis_km * _KM,
+                satellite.eccentricity,
+                *(
+                    math.radians(angle)
+                    for angle in (
+                        satellite.inclination_deg,
+                        satellite.raan_deg,
+                        satellite.argument_of_perigee_deg,
+                        satellite.true_anomaly_deg,
+                    )
+                ),
+            )
+        else:
+            for field in ("position_km", "velocity_kmps"):
+                value = getattr(satellite, field)
+                if len(value) != 3 or not np.all(np.isfinite(value)):
+                    raise UserError(f"satellites.{i}.{field}: {value} is not allowed; three finite numbers")
+            states.append(_KM * np.array([*satellite.position_km, *satellite.velocity_kmps]))
+            continue
+        states.append(state_of(elements, mu))
+    return np.array(states)
+
+
+def satellite_orbit(scenario: Formation, count: int) -> DenseOrbit:
+    """Return the block of the `count` satellites.
+
+    Raises
+    ------
+    UserError
+        As `satellite_states`.
+    """
+    constants = gravity_constants(scenario.constants)
+    states = satellite_states(scenario, count)
+    return DenseOrbit(states, scenario.duration_s, constants=constants, j2=constants.j2 != 0, name="satellites")
+
+
+def seen_at_all(scenario: Formation, orbit: DenseOrbit, target: Array, mask: ElevationMask) -> bool:
+    """Return whether any satellite sees the target (6,) at any time, if it flies straight on."""
+    times = np.linspace(0.0, scenario.duration_s, 31)
+    platforms = inertial_to_earth_fixed(orbit.at(times), times[:, None], scenario.constants.earth_rate_radps)
+    moving = target + times[:, None] * np.concatenate([target[3:], np.zeros(3)])
+    return bool(mask.visible(moving, platforms).any())
+
+
+def add_emitter(
+    builder: DiagramBuilder, motion: Motion, start: Array, clock: Periodic, trials: int
+) -> tuple[EnsembleBlock, ConstantVelocity]:
+    """Add the block of the emitter, which starts at `start` (6,); return it and the motion model it really has.
+
+    One that accelerates at random starts at the place of `start`, with a velocity of its own in every trial.
+    """
+    if isinstance(motion, RandomAcceleration):
+        model = ConstantVelocity(motion.acceleration_mps2)
+        mean = np.concatenate([start[:3], np.zeros(3)])
+        spread = np.diag([0.0] * 3 + [motion.sigma_velocity_mps**2] * 3)
+        return builder.AddSystem(ModelPlant(model, clock, mean, spread, trials, name="emitter")), model
+    kind = GreatCirclePlant if isinstance(motion, GreatCircle) else StraightLinePlant
+    return builder.AddSystem(kind(start, name="emitter")), ConstantVelocity(0.0)

@@ -1,0 +1,48 @@
+"""The position itself as a measurement: what an earlier fix, or another system, says of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.measurement.base import MeasurementModel, positive
+
+__all__ = ["Position"]
+
+Array = NDArray[np.float64]
+
+
+class Position(MeasurementModel):
+    """Earth-fixed x, y and z, with independent errors.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation per axis [m].
+    name : str
+        Prefix of the row names.
+    """
+
+    units = ("m",) * 3
+
+    def __init__(self, sigma: float, name: str = "position") -> None:
+        self.sigma = positive(sigma, "sigma_position", "m")
+        self.names = tuple(f"{name}_{axis}" for axis in "xyz")
+
+    def predict(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.predict`."""
+        return np.array(target[..., :3], dtype=float)
+
+    def jacobian(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.jacobian`."""
+        jacobian = np.zeros((*target.shape[:-1], 3, target.shape[-1]))
+        jacobian[..., :3] = np.eye(3)
+        return jacobian
+
+    def noise_covariance(self) -> Array:
+        """See `MeasurementModel.noise_covariance`."""
+        return self.sigma**2 * np.eye(3)
+
+    def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
+        """No platform is needed."""
+        return np.zeros((3, platforms), dtype=bool)
