@@ -123,7 +123,7 @@ def _rich(cell: str) -> str:
 
 def comparison_markdown(found: Sequence[Mapping[str, Any]]) -> str:
     """Return one Markdown table of several comparisons, and the notes that belong to it."""
-    titles = ("estimator", "RMSE at the end [m]", "mean RMSE over time [m]", "median at the end [m]")
+    titles: tuple[str, ...] = ("estimator", "RMSE at the end [m]", "mean RMSE over time [m]", "median at the end [m]")
     titles += ("RMSE/bound", "NEES/n", "diverged", "us per step")
     lines = ["| " + " | ".join(titles) + " |", "|" + "---|" * len(titles)]
     for one in found:
