@@ -165,6 +165,25 @@ def gdop(
 
 
 @app.command()
+def observe(
+    system: Annotated[str, _SYSTEM],
+    estimators: Annotated[list[str] | None, _ESTIMATOR] = None,
+    window: Annotated[
+        float | None,
+        typer.Option("--window", metavar="S", help="Seconds from the first epoch on.  [default: the whole run]"),
+    ] = None,
+    settings: Annotated[list[str] | None, _SET] = None,
+    scenario: Annotated[Path | None, _SCENARIO] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write summary.json and figures here.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+) -> None:
+    """Say which directions of the state at the start the measurements can know, how well, and from when on."""
+    from diagrams.running import observe_command
+
+    observe_command(system, estimators, window, settings, scenario, out, overwrite)
+
+
+@app.command()
 def compare(
     systems: Annotated[list[str], typer.Argument(metavar="SYSTEM[:VARIANT]...", help="One or more systems.")],
     estimators: Annotated[
@@ -218,25 +237,6 @@ def sweep(
 
     options = {"estimators": estimators, "trials": trials, "seed": seed, "at": at, "set": settings}
     sweep_command(system, vary, options | {"scenario": scenario}, out, overwrite)
-
-
-@app.command()
-def observe(
-    system: Annotated[str, _SYSTEM],
-    estimators: Annotated[list[str] | None, _ESTIMATOR] = None,
-    window: Annotated[
-        float | None,
-        typer.Option("--window", metavar="S", help="Seconds from the first epoch on.  [default: the whole run]"),
-    ] = None,
-    settings: Annotated[list[str] | None, _SET] = None,
-    scenario: Annotated[Path | None, _SCENARIO] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write summary.json and figures here.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
-) -> None:
-    """Say which directions of the state at the start the measurements can know, how well, and from when on."""
-    from diagrams.running import observe_command
-
-    observe_command(system, estimators, window, settings, scenario, out, overwrite)
 
 
 @app.command()
