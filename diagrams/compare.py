@@ -416,4 +416,3 @@ def machine() -> str:
         name = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), name)
     python = ".".join(map(str, sys.version_info[:3]))
     return f"{name}, Python {python}, drake {version('drake')}, numpy {np.__version__}"
-

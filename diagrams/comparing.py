@@ -19,7 +19,7 @@ from diagrams.results import OutputFolder, open_result, write_summary
 from diagrams.study import join
 from diagrams.tables import number, print_table, with_interval
 
-__all__ = ["FORMATS", "comparison_markdown", "comparison_table", "compare_command"]
+__all__ = ["FORMATS", "compare_command", "comparison_markdown", "comparison_table"]
 
 FORMATS = ("table", "markdown")
 _BEST = "**"
@@ -65,9 +65,7 @@ def _check_time(prepared: Sequence[tuple[str, ComparedStudy, Lineup]], at: float
             raise UserError(f"at: {at:g} is not allowed; {name} runs from {ticks[0]:g} to {ticks[-1]:g} s")
 
 
-def _one(
-    study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | None, overwrite: bool
-) -> dict[str, Any]:
+def _one(study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | None, overwrite: bool) -> dict[str, Any]:
     began = time.monotonic()
     if out is None:
         found = statistics(join(list(study.chunks(progress=True))), study, chosen, at=at)
@@ -125,7 +123,7 @@ def _rich(cell: str) -> str:
 
 def comparison_markdown(found: Sequence[Mapping[str, Any]]) -> str:
     """Return one Markdown table of several comparisons, and the notes that belong to it."""
-    titles = ("estimator", "RMSE at the end [m]", "mean RMSE over time [m]", "median at the end [m]")
+    titles: tuple[str, ...] = ("estimator", "RMSE at the end [m]", "mean RMSE over time [m]", "median at the end [m]")
     titles += ("RMSE/bound", "NEES/n", "diverged", "us per step")
     lines = ["| " + " | ".join(titles) + " |", "|" + "---|" * len(titles)]
     for one in found:

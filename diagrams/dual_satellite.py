@@ -28,6 +28,7 @@ from diagrams.formation import (
     StraightLine,
     add_emitter,
 )
+from diagrams.sensor_errors import Place, Seat, SensorErrors, known_platforms, spoil
 from diagrams.system import System, Wired
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
@@ -39,6 +40,7 @@ from systems.estimators.prior_position_start import PriorPositionStart
 from systems.frames import geodetic_state
 from systems.measurement.altitude import Altitude
 from systems.measurement.base import MeasurementModel
+from systems.measurement.body_frame import body_frame
 from systems.measurement.direction import BodyDirection, Direction, DirectionCosines
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.position import Position
@@ -104,6 +106,7 @@ class Truth:
     minimum_elevation_deg: float = number(
         "a satellite lower than this over the target's horizon hears nothing [deg]", 0.0, at_least=-90, at_most=89
     )
+    errors: SensorErrors = documented("errors of the sensors that the estimators do not know of", factory=SensorErrors)
 
 
 @dataclass
@@ -252,10 +255,21 @@ def _add_sensor(
     builder: DiagramBuilder, scenario: Scenario, clock: Periodic, trials: int, truth: OutputPort, platforms: OutputPort
 ) -> Measured:
     """Add the sensor at measurement level: direction, TDOA and FDOA with the errors that the scenario states."""
-    real = models(scenario, believed=False)
+    real, rate = models(scenario, believed=False), scenario.constants.earth_rate_radps
     stack = Stack([real[kind] for kind in _KINDS])
     sensor = _sensor(builder, scenario, stack, clock, trials, truth, platforms, "sensor")
-    return Measured(sensor.GetOutputPort("measurement"), stack.names)
+    place = Place(
+        stack,
+        clock,
+        sensor.GetOutputPort("measurement"),
+        truth,
+        platforms,
+        trials,
+        _SATELLITES,
+        seats=[Seat(real["direction"].names, 0, lambda carrier: body_frame(carrier[..., None, :], 0, rate))],
+        clocks={"tdoa_10": (1, 0)},
+    )
+    return Measured(spoil(builder, scenario.truth.errors, place), stack.names)
 
 
 def _sensor(
@@ -317,6 +331,7 @@ def _add_estimators(
             block = _sensor(builder, scenario, model, clock, trials, truth, platforms, port)
             sources[port] = block.GetOutputPort("measurement")
 
+    carriers_known, known_trials = known_platforms(builder, scenario.truth.errors, platforms, trials, _SATELLITES)
     blocks: dict[str, Estimator] = {}
     signals = dict(measured.signals or {})
     for name in estimators:
@@ -325,6 +340,7 @@ def _add_estimators(
             list(measured.rows),
             clock,
             platforms=_SATELLITES,
+            platform_trials=known_trials,
             noise_port=measured.noise_covariance is not None,
         )
         motion = ConstantVelocity(scenario.belief.acceleration_mps2)
@@ -332,7 +348,7 @@ def _add_estimators(
             scenario.estimators[name].make(name, _believed_stack(scenario, name), motion, start, wiring)
         )
         builder.Connect(measured.port, block.GetInputPort("measurement"))
-        builder.Connect(platforms, block.GetInputPort("platforms"))
+        builder.Connect(carriers_known, block.GetInputPort("platforms"))
         for port in (*start.inputs, *(["noise_covariance"] if wiring.noise_port else [])):
             source = sources[port]
             assert source is not None

@@ -383,7 +383,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         if isinstance(block, RangeDecomposed) and block.look_ahead:
             if truth.errors != SensorErrors():
                 raise UserError(
-                    f"estimators.{name}: {name} is not allowed with truth.errors; it is given the sensor's readings ahead"
+                    f"estimators.{name}: {name} is not allowed with truth.errors; it is given what the sensor will read"
                 )
             ahead = builder.AddSystem(
                 Preview(

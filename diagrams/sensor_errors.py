@@ -39,9 +39,7 @@ class SensorErrors:
     sigma_platform_position_m: float = number(
         "error of the known position of every platform, constant, per axis, drawn per trial [m]", 0.0, at_least=0
     )
-    sigma_platform_velocity_mps: float = number(
-        "the same of the known velocity [m/s]", 0.0, at_least=0
-    )
+    sigma_platform_velocity_mps: float = number("the same of the known velocity [m/s]", 0.0, at_least=0)
     drop_out_rate: float = number("share of the rows that are missing", 0.0, at_least=0, at_most=1)
     outlier_rate: float = number("share of the rows with a gross error", 0.0, at_least=0, at_most=1)
     outlier_sigmas: float = number("standard deviation of a gross error, in sigmas of the row", 20.0, above=0)

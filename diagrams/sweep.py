@@ -164,7 +164,7 @@ class Sweep:
             ticks = wired.clock.ticks(wired.duration)
             epoch = nearest_epoch(ticks, at)
             # only that epoch is kept, beside the first
-            every = epoch if 0 < epoch else len(ticks)
+            every = epoch if epoch > 0 else len(ticks)
             self._studies.append((ComparedStudy(system, set=settings + number, every=every, **options), epoch, ticks))
         self.attributes = dict(self._studies[0][0].attributes(wired)) | {"key": self.vary.key}
 
@@ -242,7 +242,9 @@ def sweep_statistics(dataset: xr.Dataset, confidence: float = 0.95, resamples: i
             "rmse_ratio": [entry(type(ratio)(*(np.exp(part) for part in ratio)), k) for k in points],
             "bound_position_m": [plain(value) for value in bound],
             "efficiency": [entry(type(rmse)(*(part / bound for part in rmse)), k) for k in points],
-            "efficiency_means_something": [bool(np.isclose(a, b, rtol=1e-6)) for a, b in zip(bound, of_truth, strict=True)],
+            "efficiency_means_something": [
+                bool(np.isclose(a, b, rtol=1e-6)) for a, b in zip(bound, of_truth, strict=True)
+            ],
             "diverged": [int(n) for n in one["diverged"].sum("trial").values],
         }
         nees = [nees_entry(one["nees"].values[k], int(one["states"].values[k]), draws, confidence) for k in points]

@@ -20,9 +20,7 @@ from diagrams.tables import number, print_table, with_interval
 __all__ = ["sweep_command", "sweep_table"]
 
 
-def sweep_command(
-    system: str, vary: str, options: Mapping[str, Any], out: Path | None, overwrite: bool
-) -> None:
+def sweep_command(system: str, vary: str, options: Mapping[str, Any], out: Path | None, overwrite: bool) -> None:
     """Vary one number of a scenario; see ``quietfix sweep --help``."""
     began = time.monotonic()
     planned = Sweep(system, vary, **options)

@@ -38,9 +38,10 @@ from systems.estimators.known_height_start import KnownHeightStart
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.phase_resolver import PhaseResolver
 from systems.fixes.known_height import Method, has_closed_form
-from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed, nadir_frame_earth_fixed
+from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed
 from systems.measurement.altitude import Altitude
 from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
+from systems.measurement.body_frame import body_frame
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.phase import Axis, InterferometerPhase
 from systems.measurement.stack import Stack
@@ -408,7 +409,7 @@ def _spoilt(
         platforms,
         sensor.trials,
         3,
-        seats=[Seat(phases, 0, lambda carrier: nadir_frame_earth_fixed(carrier[..., :3], carrier[..., 3:], rate))],
+        seats=[Seat(phases, 0, lambda carrier: body_frame(carrier[..., None, :], 0, rate))],
         clocks={"tdoa_10": (1, 0), "tdoa_20": (2, 0)},
     )
     return spoil(builder, scenario.truth.errors, place)

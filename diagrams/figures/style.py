@@ -64,6 +64,7 @@ class PlainLog(LogFormatter):
     """2000 instead of 2 x 10^3, at those ticks that Matplotlib would label."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
+        """Return the label of a tick."""
         return f"{x:g}" if super().__call__(x, pos) else ""
 
 

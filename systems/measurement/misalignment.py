@@ -33,7 +33,9 @@ def rotation_matrix(vector: ArrayLike) -> Array:
     return np.eye(3) + first * cross + second * (cross @ cross)
 
 
-def seen_from_turned_axes(target: Array, carrier: Array, turn: Array, body: Array | None = None, axes: int = 3) -> Array:
+def seen_from_turned_axes(
+    target: Array, carrier: Array, turn: Array, body: Array | None = None, axes: int = 3
+) -> Array:
     r"""Return the target that a well-aligned sensor would have to see to read what a misaligned one reads.
 
     .. math:: x' = x_c + B^T R^T B\,(x - x_c)

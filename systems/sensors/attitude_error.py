@@ -70,11 +70,11 @@ class AttitudeError(EnsembleBlock):
             raise ValueError(f"{name}: rows {unknown or 'none'} are not allowed; any of {', '.join(model.names)}")
         self._bias = np.array(bias, dtype=float)
         if self._bias.shape != (3,) or not np.all(np.isfinite(self._bias)):
-            raise ValueError(f"{name}: bias {bias} is not allowed; three finite numbers [rad]")
+            raise ValueError(f"{name}: bias {bias!r} is not allowed; three finite numbers [rad]")
         if not (math.isfinite(sigma) and sigma >= 0):
             raise ValueError(f"{name}: sigma {sigma} is not allowed; it must be >= 0 rad")
         if axes == 2 and np.any(self._bias[:2]):
-            raise ValueError(f"{name}: bias {bias} is not allowed; in the plane only about z")
+            raise ValueError(f"{name}: bias {bias!r} is not allowed; in the plane only about z")
         self.model = model
         self.trials = trials
         self._rows = [list(model.names).index(row) for row in rows]

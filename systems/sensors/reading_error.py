@@ -91,9 +91,7 @@ class ReadingError(EnsembleBlock):
             spoilt = spoilt + np.einsum("ij,...j->...i", self._root, white)
         if self._outlier_rate:
             struck = uniform(draw.seed, f"{name}:outlier", *who, tick, size) < self._outlier_rate
-            spoilt = spoilt + np.where(
-                struck, self._gross * normal(draw.seed, f"{name}:gross", *who, tick, size), 0.0
-            )
+            spoilt = spoilt + np.where(struck, self._gross * normal(draw.seed, f"{name}:gross", *who, tick, size), 0.0)
         spoilt = self.model.represent(spoilt)
         if self._drop_out_rate:
             gone = uniform(draw.seed, f"{name}:drop_out", *who, tick, size) < self._drop_out_rate
