@@ -12,8 +12,8 @@ from typer.exceptions import TyperException
 __all__ = ["app", "main"]
 
 _EXIT = """Exit status: 0 done; 2 a mistake in what was asked for (one line says which field, its value and what is
-allowed); 130 interrupted by Ctrl-C (finished chunks stay in DIR.partial). `verify`: 0 all requirements hold, 1 one fails,
-3 none fails but one is undecided."""
+allowed); 130 interrupted by Ctrl-C (finished chunks stay in DIR.partial). `verify`: 0 all requirements hold, 1 one
+fails, 3 none fails but one is undecided."""
 
 app = typer.Typer(
     name="quietfix",

@@ -1,9 +1,9 @@
 """Looks at a growing number of trials, and the verdict.
 
-The looks are paid for: what may go wrong in all, 1 - confidence, is divided by the number of planned looks (Bonferroni),
-so that neither *holds* nor *fails* is reported more often than that where the truth is exactly at the limit, whenever
-the trials happen to be stopped. Jennison and Turnbull, *Group Sequential Methods*, 2000, has sharper boundaries; they need
-increments that are nearly Gaussian, which mean squares of a hundred trials are not.
+The looks are paid for: what may go wrong in all, 1 - confidence, is divided by the number of planned looks
+(Bonferroni), so that neither *holds* nor *fails* is reported more often than that where the truth is exactly at the
+limit, whenever the trials happen to be stopped. Jennison and Turnbull, *Group Sequential Methods*, 2000, has sharper
+boundaries; they need increments that are nearly Gaussian, which mean squares of a hundred trials are not.
 """
 
 from __future__ import annotations

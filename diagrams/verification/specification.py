@@ -131,7 +131,7 @@ def _complete(specification: Specification) -> None:
         _complete_one(specification, requirement, where)
         if requirement.name in names:
             raise UserError(
-                f"{where}.name: {requirement.name!r} is not allowed; that is the name of number {names[requirement.name]}"
+                f"{where}.name: {requirement.name!r} is not allowed; number {names[requirement.name]} has it"
             )
         names[requirement.name] = i
 

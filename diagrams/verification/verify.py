@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from diagrams.errors import UserError
-from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED, WORDS, judge
+from diagrams.verification.sequential import FAILS, UNDECIDED, WORDS, judge
 from diagrams.verification.specification import Requirement, Specification, beside, read_specification
 from diagrams.verification.trials import GrowingStudy
 
