@@ -40,7 +40,7 @@ def read_yaml(source: Path | str, what: str = "scenario file") -> dict[str, Any]
         reason = getattr(error, "strerror", None) or error
         raise UserError(f"{what}: {where} cannot be read ({reason})") from error
     try:
-        data = yaml_load(data=text)
+        data = yaml_load(data=text) if text else None
     except Exception as error:  # PyYAML's own classes are not public through pydrake
         line = " ".join(str(error).split())
         raise UserError(f"{what}: {where} is not valid YAML ({line})") from error

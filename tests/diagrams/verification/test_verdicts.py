@@ -5,7 +5,7 @@ weak geometry are: ten epochs tell hardly more than one. Heavy tails: Student's 
 mean square varies 2.2 times as much as that of a Gaussian.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -58,11 +58,11 @@ def nis(rng, shape):
     return np.stack([rng.chisquare(rows), rows], axis=-1)
 
 
-TIMES = tuple(float(t) for t in range(0, 100, 5))
+TIMES = (0.0, 20.0, 40.0, 50.0, 60.0, 80.0)
 
 
 def settling(rng, shape):
-    """RMSE 1, 0.96, 0.92 ... of its beginning: 0.6 at 50 s, which is the first epoch at or below 0.6."""
+    """RMSE 1, 0.84, 0.68, 0.6 ... of its beginning; that at 50 s is the first one at or below 0.6."""
     curve = np.array([1 - 0.008 * t for t in TIMES])
     common, own = rng.standard_normal((*shape, 1)), rng.standard_normal((*shape, len(TIMES)))
     return ((np.sqrt(0.95) * common + np.sqrt(0.05) * own) * curve) ** 2
@@ -74,7 +74,6 @@ class Kind:
     statistic: object
     truth: float
     band: bool = False
-    pair: tuple = field(default=(0.8, 1.2))  # the limits at which the truth has 20 % to spare
 
 
 Q = norm.ppf([0.75, 0.95])
@@ -93,8 +92,8 @@ KINDS = {
         lambda r, s: np.concatenate([4 * gaussian_at(r, s), np.full((*s, 1), 4.0)], -1), MeanRatio(root=True), 1.0
     ),
     "paired ratio": Kind(paired, MeanRatio(root=True), 0.7),
-    # 20 % of a rate of 0.05 is 1.5 standard deviations of a thousand trials: no method can tell it
-    "rate": Kind(lambda r, s: (r.random((*s, 1)) < 0.3).astype(float), Proportion(), 0.3),
+    # A thousand trials know a rate of 0.05 to 14 %: that 20 % cannot be told then in 95 of 100 is no method's fault.
+    "rate": Kind(lambda r, s: (r.random((*s, 1)) < 0.4).astype(float), Proportion(), 0.4),
     "convergence time": Kind(settling, SettlingTime(TIMES, 0.6001), 50.0),
     "convergence time to a share of the start": Kind(settling, SettlingTime(TIMES, None, 0.6001), 50.0),
 }
