@@ -52,7 +52,9 @@ def report(tmp_path_factory):
 
 
 def test_estimates_are_those_of_a_study(report):
-    data = run_study("three_satellite", estimators=["iekf", "iekf_tdoa_phase"], trials=60, seed=4, set=["duration_s=20"])
+    data = run_study(
+        "three_satellite", estimators=["iekf", "iekf_tdoa_phase"], trials=60, seed=4, set=["duration_s=20"]
+    )
     error = errors(data)
     one = error.sel(estimator="iekf")
     axes = (data["estimate"] - data["truth"]).sel(estimator="iekf")
@@ -167,14 +169,14 @@ class Fading(IteratedExtendedKalman):
 
 def test_an_estimator_in_its_own_file_takes_part(tmp_path):
     """A class beside the requirements file, outside the project: named where an estimator is, and as a comparison."""
-    (tmp_path / "my_fading_filter.py").write_text(MINE)
+    (tmp_path / "my_fading.py").write_text(MINE)
     text = (
         SHORT
         + """
 requirements:
-  - {name: mine, metric: !Rmse {of: position, time_s: 20}, estimator: "my_fading_filter:Fading", at_most: 9000}
-  - {name: both, metric: !RmseRatio {of: position, to: "my_fading_filter:Fading", time_s: 20}, estimator: iekf, at_most: 2}
-  - {name: nees, metric: !Nees {time_s: 20}, estimator: "my_fading_filter:Fading", at_most: 9}
+  - {name: mine, metric: !Rmse {of: position, time_s: 20}, estimator: "my_fading:Fading", at_most: 9000}
+  - {name: both, metric: !RmseRatio {of: position, to: "my_fading:Fading", time_s: 20}, estimator: iekf, at_most: 2}
+  - {name: nees, metric: !Nees {time_s: 20}, estimator: "my_fading:Fading", at_most: 9}
 """
     )
     before = list(sys.path)
