@@ -15,7 +15,7 @@ __all__ = ["bearing_map"]
 Array = NDArray[np.float64]
 
 _KM = 1e3
-_POINTS = 41  # along the longer side
+_POINTS = 50  # even: none is on a straight path through the middle
 _NEAREST = 1e3  # m; a target nearer than this to the observer is not mapped
 
 

@@ -40,8 +40,8 @@ def rocket_map(scenario: Scenario, points: tuple[int, int] = (21, 31)) -> BoundM
     flown = np.array([np.concatenate(vehicle.at(float(t))) for t in flown_at])
     low, high = flown[:, :2].min(axis=0), flown[:, :2].max(axis=0)
     margin = _MARGIN * (high - low)
-    x = np.linspace(low[0] - margin[0], high[0] + margin[0], points[1])
-    y = np.linspace(low[1] - margin[1], high[1] + margin[1], points[0])
+    x = np.linspace(low[0], high[0] + margin[0], points[1])
+    y = np.linspace(min(low[1], 0.0) - margin[1], high[1] + margin[1], points[0])
     up, down_range = np.meshgrid(y, x, indexing="ij")
     # where the flight is as far down-range; before and after it, its ends
     index = np.interp(down_range, np.maximum.accumulate(flown[:, 0]), np.arange(_FLOWN)).round().astype(int)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,14 @@ from diagrams.figures.style import new_figure, save
 
 __all__ = ["draw_gdop"]
 
-_STEPS = np.array([1.0, 1.5, 2.0, 3.0, 5.0, 7.0])
-_LEVELS = np.concatenate([_STEPS * 10.0**power for power in range(-6, 7)])
-_MOST = 16  # levels on a map; above, every other one is left out
+
+def _series(steps: Sequence[float]) -> np.ndarray:
+    return np.concatenate([np.array(steps) * 10.0**power for power in range(-6, 7)])
+
+
+_LEVELS = _series([1.0, 1.5, 2.0, 3.0, 5.0, 7.0])
+_FINE = _series([1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0, 9.0])
+_FEW, _MOST = 7, 16  # levels on a map: with fewer finer ones, with more every other one
 _TITLES = {"position": "position error (root of the trace)", "height": "height error", "velocity": "velocity error"}
 
 
@@ -69,7 +75,7 @@ def _draw(dataset: xr.Dataset, index: int, quantity: str) -> Figure:
     bar = figure.colorbar(filled, ax=axes, shrink=0.8, ticks=levels, format=lambda level, _: f"{level:g}")
     bar.set_label(f"bound [{unit}]")
     bar.ax.minorticks_off()
-    _draw_tracks(axes, dataset)
+    _draw_tracks(figure, axes, dataset)
     if attributes["equal"]:
         axes.set_aspect("equal")
     axes.set(
@@ -94,13 +100,19 @@ def _levels(values: np.ndarray) -> np.ndarray:
         return _LEVELS[(_LEVELS >= 0.1) & (_LEVELS <= 100)]
     # a few extreme points are worth no level
     least, most = np.percentile(finite, [0.5, 99.5])
-    low = max(0, int(np.searchsorted(_LEVELS, least)) - 1)
-    high = min(_LEVELS.size, int(np.searchsorted(_LEVELS, most)) + 1)
-    levels = _LEVELS[low : max(high, low + 2)]
+    levels = _between(_LEVELS, least, most)
+    if levels.size < _FEW:
+        levels = _between(_FINE, least, most)
     return levels if levels.size <= _MOST else levels[:: -(-levels.size // _MOST)]
 
 
-def _draw_tracks(axes: Any, dataset: xr.Dataset) -> None:
+def _between(levels: np.ndarray, least: float, most: float) -> np.ndarray:
+    low = max(0, int(np.searchsorted(levels, least)) - 1)
+    high = min(levels.size, int(np.searchsorted(levels, most)) + 1)
+    return levels[low : max(high, low + 2)]
+
+
+def _draw_tracks(figure: Figure, axes: Any, dataset: xr.Dataset) -> None:
     tracks = np.moveaxis(dataset["track"].values, 1, 0)
     labels = dataset.attrs["track_labels"]
     middle = tracks.shape[1] // 2
@@ -126,4 +138,5 @@ def _draw_tracks(axes: Any, dataset: xr.Dataset) -> None:
         label = dataset.attrs["points_label"]
         axes.plot(points[:, 1], points[:, 0], "s", color="#cc79a7", markeredgecolor="white", label=label, markersize=9)
     if len(tracks) or points.size:
-        axes.legend(loc="lower left", framealpha=0.9)
+        # beside the map, which it would hide
+        figure.legend(loc="outside lower center", ncols=3, frameon=False)
