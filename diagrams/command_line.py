@@ -159,7 +159,7 @@ def gdop(
     scenario: Annotated[Path | None, _SCENARIO] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier maps in DIR.")] = False,
 ) -> None:
-    """Map the bound of position and height over the ground, and print the areas."""
+    """Map the bound over where the target may be, and print how large it is."""
     from diagrams.running import gdop_command
 
     gdop_command(system, settings, scenario, out, overwrite)

@@ -153,14 +153,13 @@ def gdop_command(
     system: str, settings: Sequence[str] | None, scenario: Path | None, out: Path | None, overwrite: bool
 ) -> None:
     """Map bounds; see ``quietfix gdop --help``."""
-    name, variant = split_name(system)
-    if name != "three_satellite":
-        raise UserError(f"gdop: {name} has no map; three_satellite has")
-    from diagrams.gdop import gdop_figures
+    from diagrams.bound_map import map_figures, map_of
 
+    name, variant = split_name(system)
+    map_of(name)
     resolved = load_scenario(name, variant, scenario, settings or [])
     with OutputFolder(out or Path("gdop"), overwrite) as folder:
-        gdop_figures(resolved, folder.partial)
+        map_figures(name, resolved, folder.partial)
         folder.finish()
 
 
