@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.filters.linear_algebra import inverse_lower
+
 __all__ = ["Gains", "Posterior"]
 
 Array = NDArray[np.float64]
@@ -114,7 +116,7 @@ class Gains:
         factor = np.linalg.cholesky(self._gram)
         if self._wide is not None:
             factor[self._wide] = np.swapaxes(self._upper, -1, -2)
-        return np.swapaxes(np.linalg.solve(factor, np.swapaxes(self._root, -1, -2)), -1, -2)
+        return self._root @ np.swapaxes(inverse_lower(factor), -1, -2)
 
     def covariance(self) -> Array:
         """Return the posterior covariance."""

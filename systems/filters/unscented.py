@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.filters.gaussian import GaussianFilter, predict_extended
-from systems.filters.linear_algebra import cholesky, symmetric
+from systems.filters.linear_algebra import cholesky, inverse_lower, symmetric
 from systems.filters.square_root import Gains, Posterior
 from systems.filters.whitening import Whitener, missing_rows
 from systems.measurement.base import MeasurementModel
@@ -113,7 +113,7 @@ class UnscentedKalman(GaussianFilter):
         bend = (w @ shift[..., None])[..., 0]
         omega = 2 * weight * (np.swapaxes(bends, -1, -2) @ bends)
         omega += centre * bend[..., :, None] * bend[..., None, :]
-        inflated = np.linalg.inv(cholesky(np.eye(model.size) + omega)) @ w
+        inflated = inverse_lower(cholesky(np.eye(model.size) + omega)) @ w
         gains = Gains(root, inflated @ np.swapaxes(odd, -1, -2))
         step, nis = gains.update((inflated @ innovation[..., None])[..., 0])
         if missing is None:
