@@ -68,7 +68,7 @@ def inverse_lower(factor: Array) -> Array:
     inverse = np.empty(flat.shape)
     for begin in range(0, len(flat), _BLOCK):
         part = slice(begin, begin + _BLOCK)
-        inverse[part] = np.moveaxis(_inverse_last(np.ascontiguousarray(np.moveaxis(flat[part], 0, -1))), -1, 0)
+        inverse[part] = _inverse_last(np.ascontiguousarray(flat[part].transpose(1, 2, 0))).transpose(2, 0, 1)
     return inverse.reshape(factor.shape)
 
 

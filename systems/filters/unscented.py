@@ -91,10 +91,7 @@ class UnscentedKalman(GaussianFilter):
         n = mean.shape[-1]
         c, weight, centre = self._weights(n)
         root = cholesky(covariance)
-        spread = c * np.swapaxes(root, -1, -2)
-        wide = mean[..., None, :]
-        points = np.concatenate([wide, wide + spread, wide - spread], axis=-2)
-        values = model.predict(points, platforms[:, None])
+        values = model.predict(_points(mean, c * root), platforms[:, None])
         middle = values[..., :1, :]
         plus = model.residual(values[..., 1 : n + 1, :], middle)
         minus = model.residual(values[..., n + 1 :, :], middle)
@@ -123,3 +120,18 @@ class UnscentedKalman(GaussianFilter):
             used = np.count_nonzero(~missing, axis=-1).astype(float)
             nis = np.where(used > 0, nis, np.nan)
         return Posterior(mean + step, gains.covariance(), innovation, nis, used)
+
+
+def _points(mean: Array, spread: Array) -> Array:
+    """Return mean, mean + and mean - each column of `spread` (trials, n, n), shape (trials, 2 n + 1, n).
+
+    In memory each component of the state lies in one piece, for all trials and points: measurement models work on
+    components.
+    """
+    trials, n = mean.shape
+    parts = np.empty((n, trials, 2 * n + 1))
+    columns, middle = np.swapaxes(spread, 0, 1), mean.T[..., None]
+    parts[..., :1] = middle
+    np.add(middle, columns, out=parts[..., 1 : n + 1])
+    np.subtract(middle, columns, out=parts[..., n + 1 :])
+    return parts.transpose(1, 2, 0)
