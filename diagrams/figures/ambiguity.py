@@ -27,7 +27,7 @@ def draw_surface(surface: Surface, found: tuple[float, float] | None = None, tit
     (along_frequency, corner), (image, along_delay) = axes
     corner.remove()
     delay, frequency, magnitude = 1e6 * surface.delay, surface.frequency, surface.magnitude
-    row, column = np.unravel_index(np.argmax(magnitude), magnitude.shape)
+    row, column = divmod(int(np.argmax(magnitude)), magnitude.shape[1])
     point = delay[row], frequency[column]
     if found is not None:
         point = 1e6 * found[0], found[1]

@@ -48,9 +48,9 @@ class Peak(NamedTuple):
         A there.
     curvature : ndarray, shape (trials, 2)
         Of -log |A|^2 along delay and frequency [1/samples^2], [samples^2], at the peak.
-    quadrature, spread, lever : ndarray, shape (trials,)
+    quadrature, spread, lever, centre : ndarray, shape (trials,)
         Of the cross-spectrum at the peak, turned to the phase of A: sum of the squares of its imaginary part; the same
-        weighted by w^2, w from its centre [rad/sample]; and its real part weighted by w^2, over A.
+        weighted by w^2, w from its centre [rad/sample]; its real part weighted by w^2, over A; and that centre.
     lost : ndarray of bool, shape (trials,)
         Whether the iteration has left the cell; delay and frequency are then where it began.
     """
@@ -62,6 +62,7 @@ class Peak(NamedTuple):
     quadrature: Array
     spread: Array
     lever: Array
+    centre: Array
     lost: NDArray[np.bool_]
 
 
@@ -138,8 +139,7 @@ def refine(
         active = active[~away & (np.abs(offset[:, 0]) > _SETTLED * cell[0])]
         if active.size == 0:
             break
-    quadrature, spread, lever = _cross_spectrum(first, spectrum, found)
-    return Peak(found[:, 0], found[:, 1], amplitude, bend, quadrature, spread, lever, lost)
+    return Peak(found[:, 0], found[:, 1], amplitude, bend, *_cross_spectrum(first, spectrum, found), lost)
 
 
 @lru_cache(maxsize=8)
@@ -248,7 +248,7 @@ def _newton(moments: _Moments, cell: Array, curvature: Array) -> tuple[Array, ND
     return offset, parts[0], -np.stack([hessian[:, 0, 0], hessian[:, 1, 1]], axis=-1)
 
 
-def _cross_spectrum(first: Complex, spectrum: Complex, at: Array) -> tuple[Array, Array, Array]:
+def _cross_spectrum(first: Complex, spectrum: Complex, at: Array) -> tuple[Array, Array, Array, Array]:
     size = first.shape[-1]
     x = fft.fft(first * phasor(at[:, 1], -0.5 * (size - 1), size), axis=-1)
     cross = np.conjugate(x, out=x) * spectrum
@@ -264,4 +264,4 @@ def _cross_spectrum(first: Complex, spectrum: Complex, at: Array) -> tuple[Array
     lever = (ww * real).sum(axis=-1) / scale - np.square(middle)
     quadrature = imag.sum(axis=-1)
     spread = (ww * imag).sum(axis=-1) - 2 * middle * (w * imag).sum(axis=-1) + np.square(middle) * quadrature
-    return quadrature, spread, lever
+    return quadrature, spread, lever, middle
