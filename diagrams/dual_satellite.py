@@ -30,6 +30,7 @@ from diagrams.formation import (
 )
 from diagrams.sensor_errors import Place, Seat, SensorErrors, known_platforms, spoil
 from diagrams.system import System, Wired
+from systems.ambiguity.variance import effective_snr, stein
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
 from systems.estimators.base import Estimator, Wiring
@@ -157,22 +158,14 @@ def target_state(scenario: Scenario) -> Array:
 
 
 def delay_doppler_sigmas(truth: Truth) -> tuple[float, float]:
-    r"""Return the standard deviations of TDOA [s] and FDOA [Hz] of the truth.
-
-    .. math:: \sigma_\tau = \frac{1}{\beta\sqrt{B T\gamma}}, \qquad \sigma_f = \frac{1}{T_e\sqrt{B T\gamma}}, \qquad
-              \gamma = \frac{2\gamma_0\gamma_1}{1 + \gamma_0 + \gamma_1}, \quad T_e = \frac{\pi T}{\sqrt 3}
-
-    with :math:`\beta = 2\pi` times the rms bandwidth: Stein, *Algorithms for ambiguity function processing*, IEEE
-    Trans. Acoustics, Speech and Signal Processing 29 (1981) 588-599.
-    """
+    """Return the standard deviations of TDOA [s] and FDOA [Hz] of the truth: stated, or by Stein's formulae."""
     if truth.differences == "stated":
         return truth.sigma_tdoa_ns * 1e-9, truth.sigma_fdoa_hz
-    main, auxiliary = 10 ** (truth.snr_main_db / 10), 10 ** (truth.snr_auxiliary_db / 10)
-    gamma = 2 * main * auxiliary / (1 + main + auxiliary)
     time = truth.integration_ms * 1e-3
-    output = math.sqrt(truth.noise_bandwidth_mhz * 1e6 * time * gamma)
-    beta, effective = 2 * math.pi * truth.rms_bandwidth_mhz * 1e6, math.pi * time / math.sqrt(3)
-    return 1 / (beta * output), 1 / (effective * output)
+    gamma = effective_snr(10 ** (truth.snr_main_db / 10), 10 ** (truth.snr_auxiliary_db / 10))
+    beta = 2 * math.pi * truth.rms_bandwidth_mhz * 1e6
+    sigmas = stein(truth.noise_bandwidth_mhz * 1e6 * time, gamma, beta, time)
+    return float(sigmas.delay), float(sigmas.frequency)
 
 
 def models(scenario: Scenario, believed: bool) -> dict[str, MeasurementModel]:
