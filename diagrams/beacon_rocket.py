@@ -52,7 +52,16 @@ from systems.sensors.beacon import BeaconStations
 from systems.sensors.offset_prior import OffsetPrior
 from systems.signals import Constant
 
-__all__ = ["SYSTEM", "Scenario", "launch_site", "rocket_model", "station_positions"]
+__all__ = [
+    "SYSTEM",
+    "Scenario",
+    "believed_motion",
+    "believed_sensor",
+    "launch_site",
+    "rocket_model",
+    "sensor_mask",
+    "station_positions",
+]
 
 Array = NDArray[np.float64]
 
@@ -251,6 +260,40 @@ def _mode_block(scenario: Scenario, stations: int) -> ModeSchedule:
     return ModeSchedule([(w.begin_s, w.end_s) for w in mode.transponder], delays)
 
 
+def _believed_motion(scenario: Scenario, limits: tuple[Array, Array], biased: bool = True) -> CurrentStatistical:
+    belief = scenario.belief
+    density = belief.bias_variance_per_step_m2ps2 / scenario.period_s
+    return CurrentStatistical(
+        belief.alpha_hz,
+        *limits,
+        belief.sigma_floor_mps2,
+        [density] if biased else [],
+        cast(MeanAcceleration, belief.mean_acceleration),
+    )
+
+
+def believed_motion(scenario: Scenario, vehicle: Any) -> CurrentStatistical:
+    """Return how the estimators believe that the vehicle moves, a block of `diagrams.launch.vehicle_block`."""
+    return _believed_motion(scenario, _limits(scenario, vehicle))
+
+
+def _believed_sigma(scenario: Scenario) -> float:
+    return scenario.sensor.sigma_mps if scenario.belief.sigma_mps is None else scenario.belief.sigma_mps
+
+
+def believed_sensor(scenario: Scenario) -> RangeRate:
+    """Return the sensor as the estimators believe it to be, with the bias as the tenth state."""
+    return RangeRate(_believed_sigma(scenario), range(len(scenario.stations)), 9)
+
+
+def sensor_mask(scenario: Scenario) -> SphericalMask | None:
+    """Return what hides the rocket from a station; None: nothing, not even the Earth."""
+    minimum = scenario.sensor.minimum_elevation_deg
+    if minimum is None:
+        return None
+    return SphericalMask(math.radians(minimum), "platform", tuple(launch_site(scenario).centre))
+
+
 def _truth_motion(scenario: Scenario) -> KnownFlight | None:
     """Return the motion that the bounds may believe in: the flown acceleration known, the bias's law too.
 
@@ -284,10 +327,6 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     bias = _add_bias(builder, scenario, clock, trials)
     mode = builder.AddSystem(_mode_block(scenario, count_))
 
-    mask = None
-    if scenario.sensor.minimum_elevation_deg is not None:
-        centre = launch_site(scenario).centre
-        mask = SphericalMask(math.radians(scenario.sensor.minimum_elevation_deg), "platform", tuple(centre))
     stations = builder.AddSystem(
         BeaconStations(
             RangeRate(scenario.sensor.sigma_mps, range(count_)),
@@ -298,7 +337,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
             bias_trials=bias.get_system().output_size("state")[0],
             uplink=scenario.mode.uplink_station,
             sigma_residual=scenario.sensor.sigma_station_residual_mps,
-            mask=mask,
+            mask=sensor_mask(scenario),
         )
     )
     builder.Connect(vehicle.GetOutputPort("state"), stations.GetInputPort("target"))
@@ -332,9 +371,8 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     )
     builder.Connect(truth.GetOutputPort("state"), prior.GetInputPort("truth"))
 
-    largest, smallest = _limits(scenario, vehicle)
-    density = belief.bias_variance_per_step_m2ps2 / scenario.period_s
-    sigma = scenario.sensor.sigma_mps if belief.sigma_mps is None else belief.sigma_mps
+    limits = _limits(scenario, vehicle)
+    sigma = _believed_sigma(scenario)
     wiring = Wiring(
         trials, RangeRate(sigma, range(count_)).names, clock, platforms=count_, platform_trials=known_trials
     )
@@ -344,14 +382,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         if options.measurements not in ([], ["range_rate"]):
             raise UserError(f"estimators.{name}.measurements: {options.measurements} is not allowed; range_rate")
         biased = getattr(options, "estimates_bias", True)
-        motion = CurrentStatistical(
-            belief.alpha_hz,
-            largest,
-            smallest,
-            belief.sigma_floor_mps2,
-            [density] if biased else [],
-            cast(MeanAcceleration, belief.mean_acceleration),
-        )
+        motion = _believed_motion(scenario, limits, biased)
         model = RangeRate(sigma, range(count_), 9 if biased else None)
         start = PortStart(_start_covariance(belief, biased))
         block = builder.AddSystem(options.make(name, model, motion, start, wiring))

@@ -41,7 +41,7 @@ from systems.registry import estimator_options
 from systems.sensors.navigation import Navigation
 from systems.sensors.sensor import Sensor
 
-__all__ = ["SYSTEM", "Scenario", "observer_path", "target_state"]
+__all__ = ["SYSTEM", "Scenario", "believed_sensor", "observer_path", "target_motion", "target_state"]
 
 Array = NDArray[np.float64]
 
@@ -182,7 +182,8 @@ def target_state(scenario: Scenario) -> Array:
     return position if scenario.belief.target == "fixed" else np.concatenate([position, velocity])
 
 
-def _motion(scenario: Scenario) -> MotionModel:
+def target_motion(scenario: Scenario) -> MotionModel:
+    """Return how the target moves, and how the estimators believe that it does."""
     axes = _axes(scenario)
     return Stationary(axes) if scenario.belief.target == "fixed" else ConstantVelocity(0.0, axes)
 
@@ -198,6 +199,11 @@ def _sensor_model(scenario: Scenario, believed: bool) -> Bearing:
     sigma, elevation = chosen("sigma_bearing_deg"), chosen("sigma_elevation_deg")
     assert sigma is not None
     return Bearing(math.radians(sigma), None if elevation is None else math.radians(elevation))
+
+
+def believed_sensor(scenario: Scenario) -> Bearing:
+    """Return the sensor as the estimators believe it to be."""
+    return _sensor_model(scenario, believed=True)
 
 
 def _check_geometry(scenario: Scenario, path: Callable[[Array], Array], motion: MotionModel) -> None:
@@ -230,7 +236,7 @@ def _check_geometry(scenario: Scenario, path: Callable[[Array], Array], motion: 
 
 def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str], trials: int) -> Wired:
     """Put observer, target, sensor, azimuth filters and estimators into a diagram; see `diagrams.system.System`."""
-    path, motion, axes = observer_path(scenario), _motion(scenario), _axes(scenario)
+    path, motion, axes = observer_path(scenario), target_motion(scenario), _axes(scenario)
     _check_geometry(scenario, path, motion)
     clock = Periodic(scenario.period_s)
     observer = builder.AddSystem(Path(path))

@@ -247,11 +247,11 @@ def bound_curves(covariance: Array, truth: Array) -> dict[str, Array]:
     Returns
     -------
     dict of str to ndarray, shape (time,)
-        ``position`` [m], ``height`` [m], ``velocity`` [m/s], ``speed`` [m/s], ``course`` [deg], ``bias``.
+        ``position`` [m], ``height`` [m], ``velocity`` [m/s], ``speed`` [m/s], ``course`` [deg].
     """
     sums = BoundSums(covariance.shape[1])
     sums.add(np.moveaxis(bound_squares(covariance, truth), 1, -1), covariance.shape[0])
-    return sums.curves()
+    return {name: curve for name, curve in sums.curves().items() if name != "bias"}
 
 
 # ------------------------------------------------------------------------------------------------ of a study

@@ -12,7 +12,8 @@ from typer.exceptions import TyperException
 __all__ = ["app", "main"]
 
 _EXIT = """Exit status: 0 done; 2 a mistake in what was asked for (one line says which field, its value and what is
-allowed); 130 interrupted by Ctrl-C (finished chunks stay in DIR.partial)."""
+allowed); 130 interrupted by Ctrl-C (finished chunks stay in DIR.partial). `verify`: 0 all requirements hold, 1 one
+fails, 3 none fails but one is undecided."""
 
 app = typer.Typer(
     name="quietfix",
@@ -158,7 +159,7 @@ def gdop(
     scenario: Annotated[Path | None, _SCENARIO] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier maps in DIR.")] = False,
 ) -> None:
-    """Map the bound of position and height over the ground, and print the areas."""
+    """Map the bound over where the target may be, and print how large it is."""
     from diagrams.running import gdop_command
 
     gdop_command(system, settings, scenario, out, overwrite)
@@ -262,6 +263,27 @@ def replay(
     from diagrams.running import replay_command
 
     replay_command(dataset, data, out, overwrite, file)
+
+
+@app.command()
+def verify(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Requirements, a YAML file.", show_default=False)],
+    trials: Annotated[
+        int | None, typer.Option(parser=_whole, metavar="N", help="Trials at the last look, instead of the file's.")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(parser=_whole, metavar="N", help="Seed of all noise, instead of the file's.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write verification.json and a figure here.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+) -> None:
+    """Judge requirements: each holds, fails, or is undecided after as many trials as the file allows.
+
+    Exit status: 0 all hold; 1 one fails; 3 none fails, but one is undecided; 2 a mistake in the file; 130 Ctrl-C.
+    """
+    from diagrams.verification.command import verify_command
+
+    raise typer.Exit(verify_command(file, trials, seed, out, overwrite))
 
 
 def main(arguments: list[str] | None = None) -> None:

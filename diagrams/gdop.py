@@ -1,4 +1,4 @@
-"""Maps of the bound over the ground: how well a target could be known after the pass, wherever it is.
+"""Maps of the bound over the ground under satellites: how well a target could be known after the pass.
 
 Figures 1 and 2 of Xu, Su and Wang, doi 10.20079/j.issn.1001-893x.220609005. The paper names neither the process noise
 nor the prior; the map depends on both, so they are stated with every map.
@@ -6,22 +6,23 @@ nor the prior; the map depends on both, so they are stated with every map.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.bounds import bound_squares, bound_steps
+from diagrams import dual_satellite
+from diagrams.bound_map import BoundMap, Plane, map_bounds
 from diagrams.errors import UserError, choose
-from diagrams.figures.gdop import draw_gdop
-from diagrams.progress import Progress
-from diagrams.three_satellite import Scenario, models, satellite_orbit, target_state, track_axes
+from diagrams.formation import satellite_orbit
+from diagrams.ground import Airborne, beside_track, track_axes, tracks
+from diagrams.three_satellite import Scenario, models
 from systems.clocks import Periodic
 from systems.frames import inertial_to_earth_fixed, up
+from systems.measurement.base import MeasurementModel
 from systems.measurement.stack import Stack
 from systems.measurement.visibility import ElevationMask
 from systems.motion.constant_velocity import ConstantVelocity
@@ -32,12 +33,13 @@ __all__ = [
     "POSITION_LIMITS",
     "Grid",
     "Prior",
-    "bound_after_pass",
+    "dual_satellite_map",
     "gdop_areas",
-    "gdop_figures",
     "gdop_map",
     "ground_grid",
+    "ground_map",
     "measurement_sets",
+    "three_satellite_map",
 ]
 
 Array = NDArray[np.float64]
@@ -110,6 +112,8 @@ class Grid:
         The satellites.
     times : ndarray, shape (time,)
         Epochs [s].
+    axes : ndarray, shape (3, 3)
+        From `track_axes`.
     """
 
     axis: Array
@@ -117,10 +121,11 @@ class Grid:
     truth: Array
     platforms: Array
     times: Array
+    axes: Array
 
 
-def ground_grid(scenario: Scenario, spacing_km: float = 100.0, extent_km: float = 1500.0) -> Grid:
-    """Return targets from -extent to +extent along and across the track of satellite 0.
+def ground_grid(scenario: Airborne, spacing_km: float = 100.0, extent_km: float = 1500.0, count: int = 3) -> Grid:
+    """Return targets from -extent to +extent along and across the track of satellite 0, of `count` satellites.
 
     Raises
     ------
@@ -131,49 +136,91 @@ def ground_grid(scenario: Scenario, spacing_km: float = 100.0, extent_km: float 
         raise UserError(f"gdop: a grid of {spacing_km} km up to {extent_km} km is not allowed; finite, spacing > 0")
     half = int(extent_km // spacing_km)
     axis = np.asarray(spacing_km * np.arange(-half, half + 1), dtype=float)
-    orbit = satellite_orbit(scenario)
+    orbit = satellite_orbit(scenario, count)
     times = Periodic(scenario.period_s).ticks(scenario.duration_s)
     platforms = inertial_to_earth_fixed(orbit.at(times), times[:, None], scenario.constants.earth_rate_radps)[None]
-    start = target_state(scenario, orbit, *np.meshgrid(axis, axis, indexing="ij"))
+    start = beside_track(scenario, orbit, *np.meshgrid(axis, axis, indexing="ij"))
     truth = straight_line(start[..., None, :], times)
     mask = ElevationMask(np.radians(_MINIMUM_ELEVATION))
     seen = np.asarray(mask.visible(truth, platforms).all(axis=(-1, -2)))
-    return Grid(axis, seen, truth[seen], platforms, times)
+    return Grid(axis, seen, truth[seen], platforms, times, track_axes(scenario, orbit))
 
 
-def bound_after_pass(
-    scenario: Scenario, grid: Grid, kinds: Sequence[str], prior: Prior, report: Callable[[int], None] | None = None
-) -> Array:
-    """Return the covariances (points, 6, 6) that bound the states of the grid's targets at the last epoch.
+def ground_map(
+    scenario: Airborne, grid: Grid, sets: Mapping[str, MeasurementModel], acceleration: float, prior: Prior
+) -> BoundMap:
+    """Return the map of targets over the ground under satellites.
 
     Parameters
     ----------
-    scenario : Scenario
-        Noise, and the filter's process noise.
+    scenario : Airborne
+        Satellites, and the target's height, speed and course.
     grid : Grid
         From `ground_grid`.
-    kinds : sequence of str
-        ``tdoa``, ``fdoa``, ``phase_a``, ``phase_b``; ``phase`` is both phases.
+    sets : mapping of str to MeasurementModel
+        What is measured.
+    acceleration : float
+        Process noise of the filter's model of constant velocity [m/s^2].
     prior : Prior
         What is known before the first measurement, which is then used like all others.
-    report : callable, optional
-        Called with the index of every epoch that is done.
-
-    Raises
-    ------
-    UserError
-        For a kind that is not known.
     """
+    truth = scenario.truth
+    return BoundMap(
+        plane=Plane(
+            ("along", "cross"),
+            ("along the track of satellite 0 [km]", "across it, right positive [km]"),
+            (grid.axis, grid.axis),
+        ),
+        seen=grid.seen,
+        truth=grid.truth,
+        platforms=grid.platforms,
+        times=grid.times,
+        sets=sets,
+        motion=ConstantVelocity(acceleration),
+        prior=prior.covariance(grid.truth[:, 0]),
+        stated={
+            "noise": f"{acceleration:g} m/s^2",
+            "prior": str(prior),
+            "target": f"{truth.height_km:g} km, {truth.speed_mps:g} m/s, course {truth.course_deg:g} deg; "
+            f"satellites above {_MINIMUM_ELEVATION:g} deg throughout",
+        },
+        track=tracks(scenario, grid.axes, grid.platforms[0]),
+        track_labels=("ground tracks",) * grid.platforms.shape[2],
+        report=_print_areas,
+    )
+
+
+def three_satellite_map(
+    scenario: Scenario,
+    sets: Mapping[str, Sequence[str]] | None = None,
+    spacing_km: float = 100.0,
+    extent_km: float = 1500.0,
+    prior: Prior | None = None,
+) -> BoundMap:
+    """Return the map of `three_satellite`; see `gdop_map`."""
     available = models(scenario, believed=True)
-    stack = Stack([available[choose("gdop: measurement", kind, available)] for kind in kinds])
-    motion = ConstantVelocity(scenario.belief.acceleration_mps2)
-    covariance = prior.covariance(grid.truth[:, 0])
-    steps = bound_steps(grid.truth, grid.platforms, grid.times, stack, motion, covariance, first_epoch_used=False)
-    for k, step in enumerate(steps):
-        covariance = step
-        if report is not None:
-            report(k)
-    return covariance
+    chosen = measurement_sets(scenario) if sets is None else sets
+    stacks = {
+        name: Stack([available[choose("gdop: measurement", kind, available)] for kind in kinds])
+        for name, kinds in chosen.items()
+    }
+    grid = ground_grid(scenario, spacing_km, extent_km)
+    return ground_map(scenario, grid, stacks, scenario.belief.acceleration_mps2, prior or Prior())
+
+
+def dual_satellite_map(scenario: dual_satellite.Scenario) -> BoundMap:
+    """Return the map of `dual_satellite`: of the direction alone, of the differences alone, and of both.
+
+    The prior is that of `three_satellite`'s map, so that the two can be compared.
+    """
+    available = dual_satellite.models(scenario, believed=True)
+    sets = {
+        "direction": Stack([available["direction"]]),
+        "TDOA + FDOA": Stack([available["tdoa"], available["fdoa"]]),
+        "direction + TDOA + FDOA": Stack([available[kind] for kind in ("direction", "tdoa", "fdoa")]),
+    }
+    grid = ground_grid(scenario, count=2)
+    return ground_map(scenario, grid, sets, scenario.belief.acceleration_mps2, Prior())
 
 
 def gdop_map(
@@ -184,14 +231,15 @@ def gdop_map(
     prior: Prior | None = None,
     progress: bool = False,
 ) -> xr.Dataset:
-    """Return the bound after the pass for targets on a grid over the ground.
+    """Return the bound after the pass for targets of `three_satellite` on a grid over the ground.
 
     Parameters
     ----------
     scenario : Scenario
         Satellites, the target's height, speed and course, noise, and the filter's process noise.
     sets : mapping of str to sequence of str, optional
-        Kinds of measurement by name of the set, see `bound_after_pass`; by default those of the scenario's estimators.
+        Kinds of measurement by name of the set (``tdoa``, ``fdoa``, ``phase_a``, ``phase_b``; ``phase`` is both); by
+        default those of the scenario's estimators.
     spacing_km, extent_km : float
         See `ground_grid`.
     prior : Prior, optional
@@ -204,7 +252,7 @@ def gdop_map(
     xarray.Dataset
         ``position`` and ``height`` (set, along, cross): the bounds at the last epoch [m], by the place at t = 0, NaN
         where not all satellites are 3 deg above the target's horizon throughout. The height is that above the ellipsoid
-        where the target is at the last epoch. ``track`` (time, satellite, axis): ground tracks [km]; coordinates
+        where the target is at the last epoch. ``track`` (time, curve, axis): ground tracks [km]; coordinates
         ``along`` and ``cross`` [km].
 
     Raises
@@ -212,50 +260,7 @@ def gdop_map(
     UserError
         For a kind that is not known, or a grid without points.
     """
-    prior = prior or Prior()
-    sets = measurement_sets(scenario) if sets is None else sets
-    grid = ground_grid(scenario, spacing_km, extent_km)
-    bounds = np.full((2, len(sets), *grid.seen.shape), np.nan)
-    epochs = grid.times.size
-    with Progress("gdop", len(sets) * epochs, progress) as bar:
-        for i, kinds in enumerate(sets.values()):
-            covariance = bound_after_pass(scenario, grid, kinds, prior, _counting(bar, i * epochs))
-            bounds[:, i, grid.seen] = np.sqrt(bound_squares(covariance, grid.truth[:, -1])[:2])
-    axes = track_axes(scenario, satellite_orbit(scenario))
-    return xr.Dataset(
-        {
-            "position": (("set", "along", "cross"), bounds[0]),
-            "height": (("set", "along", "cross"), bounds[1]),
-            "track": (("time", "satellite", "axis"), _tracks(scenario, axes, grid.platforms[0])),
-        },
-        coords={
-            "set": list(sets),
-            "along": grid.axis,
-            "cross": grid.axis,
-            "time": grid.times,
-            "axis": ["along", "cross"],
-        },
-        attrs={
-            "acceleration_mps2": scenario.belief.acceleration_mps2,
-            "duration_s": float(grid.times[-1]),
-            "prior": str(prior),
-            "minimum_elevation_deg": _MINIMUM_ELEVATION,
-            "target": f"{scenario.truth.height_km:g} km, {scenario.truth.speed_mps:g} m/s, "
-            f"course {scenario.truth.course_deg:g} deg",
-        },
-    )
-
-
-def _counting(bar: Progress, before: int) -> Callable[[int], None]:
-    return lambda k: bar.update(before + k + 1)
-
-
-def _tracks(scenario: Scenario, axes: Array, platforms: Array) -> Array:
-    """Return where the satellites stand on the map, (time, satellites, 2) [km]; the inverse of `target_state`."""
-    direction = platforms[..., :3] / np.linalg.norm(platforms[..., :3], axis=-1, keepdims=True)
-    forward, right, upward = np.moveaxis(direction @ axes.T, -1, 0)
-    radius = scenario.constants.earth_radius_m / 1e3
-    return radius * np.stack([np.arctan2(forward, upward), np.arcsin(right)], axis=-1)
+    return map_bounds(three_satellite_map(scenario, sets, spacing_km, extent_km, prior), progress)
 
 
 def gdop_areas(dataset: xr.Dataset) -> dict[str, dict[str, float]]:
@@ -286,20 +291,6 @@ def gdop_areas(dataset: xr.Dataset) -> dict[str, dict[str, float]]:
     return found
 
 
-def gdop_figures(scenario: Scenario, folder: Path | str, progress: bool = True) -> xr.Dataset:
-    """Map the sets of the scenario's estimators, save the figures and print the areas; ``quietfix gdop``.
-
-    Returns
-    -------
-    xarray.Dataset
-        The map.
-    """
-    dataset = gdop_map(scenario, progress=progress)
-    draw_gdop(dataset, folder)
-    _print_areas(dataset)
-    return dataset
-
-
 def _print_areas(dataset: xr.Dataset) -> None:
     from rich.markup import escape
     from rich.table import Table
@@ -308,7 +299,7 @@ def _print_areas(dataset: xr.Dataset) -> None:
 
     table = Table(
         title=f"areas [10^6 km^2] with a bound below ..., {dataset.attrs['duration_s']:g} s, "
-        f"process noise {dataset.attrs['acceleration_mps2']:g} m/s^2",
+        f"process noise {dataset.attrs['noise']}",
         caption=f"prior: {dataset.attrs['prior']}",
     )
     table.add_column("measurements", no_wrap=True)

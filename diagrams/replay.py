@@ -22,6 +22,7 @@ REPLAYS: dict[str, str] = {
     "locards": "diagrams.locards:DATASET",
     "bearings": "diagrams.bearings:DATASET",
     "doptrack": "diagrams.doptrack:DATASET",
+    "kiwisdr": "diagrams.kiwisdr:DATASET",
 }
 """Where each data set's `Dataset` is, as ``module:NAME``; a new replay is one line here."""
 

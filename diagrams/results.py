@@ -21,7 +21,8 @@ from diagrams.errors import UserError
 
 __all__ = ["OutputFolder", "open_result", "write_summary"]
 
-_OURS = ("results.zarr", "summary.json", "comparison.json", "sweep.json", "diagram.svg")  # and *.png
+# beside figures (*.png)
+_OURS = ("results.zarr", "summary.json", "comparison.json", "sweep.json", "verification.json", "diagram.svg")
 
 
 @contextmanager

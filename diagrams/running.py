@@ -16,7 +16,7 @@ from rich.table import Table
 from diagrams.catalogue import load_scenario, split_name
 from diagrams.errors import UserError
 from diagrams.results import OutputFolder, open_result, write_summary
-from diagrams.tables import print_table
+from diagrams.tables import number, print_table
 
 __all__ = ["draw_command", "gdop_command", "observe_command", "replay_command", "run_command"]
 
@@ -105,9 +105,9 @@ def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
     for name, row in estimators.items():
         table.add_row(
             name if row.get("causal", True) else f"{name} (not causal)",
-            *(_cell(row["rmse_position_m"][i]) for i in picks),
+            *(number(row["rmse_position_m"][i]) for i in picks),
             *(
-                _cell(_last(row, key))
+                number(_last(row, key))
                 for key in ("median_position_m", "bound_position_m", "rmse_height_m", "rmse_velocity_mps", "nees_mean")
             ),
             str(row["diverged"]),
@@ -120,12 +120,6 @@ def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
 def _last(row: Mapping[str, Any], key: str) -> float | None:
     values = row.get(key)
     return values[-1] if values else None
-
-
-def _cell(value: float | None) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def draw_command(
@@ -153,14 +147,13 @@ def gdop_command(
     system: str, settings: Sequence[str] | None, scenario: Path | None, out: Path | None, overwrite: bool
 ) -> None:
     """Map bounds; see ``quietfix gdop --help``."""
-    name, variant = split_name(system)
-    if name != "three_satellite":
-        raise UserError(f"gdop: {name} has no map; three_satellite has")
-    from diagrams.gdop import gdop_figures
+    from diagrams.bound_map import map_figures, map_of
 
+    name, variant = split_name(system)
+    map_of(name)
     resolved = load_scenario(name, variant, scenario, settings or [])
     with OutputFolder(out or Path("gdop"), overwrite) as folder:
-        gdop_figures(resolved, folder.partial)
+        map_figures(name, resolved, folder.partial)
         folder.finish()
 
 

@@ -25,8 +25,8 @@ _KEYWORDS = {"class": "class_"}  # fields whose natural name is a Python keyword
 _PRIMITIVES = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
 
-def read_yaml(source: Path | str) -> dict[str, Any]:
-    """Read a YAML mapping from a file (Path) or a text (str), tags kept as ``_tag``.
+def read_yaml(source: Path | str, what: str = "scenario file") -> dict[str, Any]:
+    """Read a YAML mapping from a file (Path) or a text (str), tags kept as ``_tag``; `what` it is, for messages.
 
     Raises
     ------
@@ -38,16 +38,16 @@ def read_yaml(source: Path | str) -> dict[str, Any]:
         text = source.read_text(encoding="utf-8") if isinstance(source, Path) else source
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise UserError(f"scenario file: {where} cannot be read ({reason})") from error
+        raise UserError(f"{what}: {where} cannot be read ({reason})") from error
     try:
-        data = yaml_load(data=text)
+        data = yaml_load(data=text) if text else None
     except Exception as error:  # PyYAML's own classes are not public through pydrake
         line = " ".join(str(error).split())
-        raise UserError(f"scenario file: {where} is not valid YAML ({line})") from error
+        raise UserError(f"{what}: {where} is not valid YAML ({line})") from error
     if data is None:
         return {}
     if not isinstance(data, dict):
-        raise UserError(f"scenario file: {where} holds {type(data).__name__}; a mapping is needed")
+        raise UserError(f"{what}: {where} holds {type(data).__name__}; a mapping is needed")
     return data
 
 

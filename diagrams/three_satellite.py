@@ -27,6 +27,7 @@ from diagrams.formation import (
     StraightLine,
     add_emitter,
 )
+from diagrams.ground import beside_track, track_axes
 from diagrams.sensor_errors import Place, Seat, SensorErrors, known_platforms, spoil
 from diagrams.system import System, Wired
 from systems.clocks import Periodic
@@ -38,7 +39,7 @@ from systems.estimators.known_height_start import KnownHeightStart
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.phase_resolver import PhaseResolver
 from systems.fixes.known_height import Method, has_closed_form
-from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed
+from systems.frames import inertial_to_earth_fixed
 from systems.measurement.altitude import Altitude
 from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
 from systems.measurement.body_frame import body_frame
@@ -155,19 +156,6 @@ def satellite_orbit(scenario: Scenario) -> DenseOrbit:
     return formation.satellite_orbit(scenario, 3)
 
 
-def track_axes(scenario: Scenario, orbit: DenseOrbit) -> Array:
-    """Return the axes that places of the target are counted in, shape (3, 3), Earth-fixed.
-
-    Rows: along the ground track of satellite 0 (Earth-fixed velocity) at half the duration, to the right of it, up.
-    """
-    middle = scenario.duration_s / 2
-    state = inertial_to_earth_fixed(orbit.at(middle)[0], middle, scenario.constants.earth_rate_radps)
-    up_ = state[:3] / np.linalg.norm(state[:3])
-    forward = state[3:] - up_ * (up_ @ state[3:])
-    forward /= np.linalg.norm(forward)
-    return np.stack([forward, np.cross(forward, up_), up_])
-
-
 def target_state(
     scenario: Scenario, orbit: DenseOrbit, along_km: ArrayLike | None = None, cross_km: ArrayLike | None = None
 ) -> Array:
@@ -180,16 +168,12 @@ def target_state(
     orbit : DenseOrbit
         The satellites.
     along_km, cross_km : array_like, shape (...), optional
-        Place [km], counted from the sub-satellite point of satellite 0 along and to the right of its track (see
-        `track_axes`), on a sphere through that point.
+        Place [km], as `diagrams.ground.beside_track` counts it.
     """
-    truth, radius = scenario.truth, scenario.constants.earth_radius_m
-    forward, right, up_ = track_axes(scenario, orbit)
-    along = np.asarray(truth.along_km if along_km is None else along_km)[..., None] * _KM / radius
-    cross = np.asarray(truth.cross_km if cross_km is None else cross_km)[..., None] * _KM / radius
-    ahead = np.cos(along) * up_ + np.sin(along) * forward
-    latitude, longitude, _ = ecef_to_geodetic(radius * (np.cos(cross) * ahead + np.sin(cross) * right))
-    return geodetic_state(latitude, longitude, truth.height_km * _KM, math.radians(truth.course_deg), truth.speed_mps)
+    truth = scenario.truth
+    along = truth.along_km if along_km is None else along_km
+    cross = truth.cross_km if cross_km is None else cross_km
+    return beside_track(scenario, orbit, along, cross)
 
 
 # -------------------------------------------------------------------------------------------------- models

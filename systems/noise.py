@@ -7,12 +7,13 @@ hundred or in the thirty-eighth chunk, and adding a block to a diagram changes n
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-__all__ = ["normal", "uniform"]
+__all__ = ["many_normal", "normal", "uniform"]
 
 _WORDS_PER_BLOCK = 4  # one Philox 4x64 block
 
@@ -65,3 +66,39 @@ def normal(seed: int, name: str, first_trial: int, trials: int, sample: int, siz
     The inverse, not a ziggurat: it uses exactly one word per number, so that any row can be drawn alone.
     """
     return ndtri(uniform(seed, name, first_trial, trials, sample, size))
+
+
+def many_normal(
+    seed: int, name: str, trials: Iterable[int], sample: int, shape: tuple[int, ...]
+) -> NDArray[np.float64]:
+    """Draw many standard normal numbers per trial, as a cloud of particles needs them.
+
+    Like `normal` a pure function of (seed, name, trial, sample), and any trial can be drawn alone; but every trial has
+    a generator of its own, which pays from some thousand numbers on: a third of the time of `normal`.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the study.
+    name : str
+        Name of the block that draws, and of what for.
+    trials : iterable of int
+        Numbers of the trials, >= 0, in any order.
+    sample : int
+        Index of the sample, >= 0.
+    shape : tuple of int
+        Numbers per trial.
+
+    Returns
+    -------
+    ndarray, shape (trials, *shape)
+    """
+    if sample < 0:
+        raise ValueError(f"sample must be >= 0, got {sample}")
+    numbers = list(trials)
+    drawn = np.empty((len(numbers), *shape))
+    for row, trial in zip(drawn, numbers, strict=True):
+        entropy = int.from_bytes(_key(seed, f"many:{name}:{trial}:{sample}").tobytes(), "little")
+        generator = np.random.Generator(np.random.SFC64(entropy))
+        generator.standard_normal(out=row)
+    return drawn

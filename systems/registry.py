@@ -13,6 +13,8 @@ ESTIMATORS: dict[str, str] = {
     "iekf": "systems.estimators.iekf:Iekf",
     "ekf": "systems.estimators.ekf:Ekf",
     "ukf": "systems.estimators.ukf:Ukf",
+    "pf": "systems.estimators.pf:Pf",
+    "pf_sir": "systems.estimators.pf_sir:PfSir",
     "iekf_hypotheses": "systems.estimators.iekf_hypotheses:IekfHypotheses",
     "mgekf": "systems.estimators.mgekf:Mgekf",
     "range_bank": "systems.estimators.range_bank:RangeBank",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,60 +16,78 @@ from diagrams.figures.style import new_figure, save
 
 __all__ = ["draw_gdop"]
 
-_LEVELS = np.array([0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 20.0, 50.0, 100.0])  # km
+
+def _series(steps: Sequence[float]) -> np.ndarray:
+    return np.concatenate([np.array(steps) * 10.0**power for power in range(-6, 7)])
+
+
+_LEVELS = _series([1.0, 1.5, 2.0, 3.0, 5.0, 7.0])
+_FINE = _series([1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0, 9.0])
+_FEW, _MOST = 7, 16  # levels on a map: with fewer finer ones, with more every other one
+_TITLES = {"position": "position error (root of the trace)", "height": "height error", "velocity": "velocity error"}
 
 
 def draw_gdop(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
-    """Draw the maps of position and height for every set of measurements.
+    """Draw a map of every quantity for every set of measurements.
 
     Parameters
     ----------
     dataset : xarray.Dataset
-        From `diagrams.gdop.gdop_map`.
+        From `diagrams.bound_map.map_bounds`.
     folder : path
         An existing folder.
 
     Returns
     -------
     list of Path
-        ``gdop_position_SET.png`` and ``gdop_height_SET.png`` of every set, such as ``gdop_height_tdoa_phase_a.png``.
+        ``gdop_QUANTITY_SET.png``, such as ``gdop_height_tdoa_phase_a.png``.
     """
     written = []
     for i, name in enumerate(dataset["set"].values):
         words = "_".join(re.findall(r"\w+", str(name)))
-        for quantity in ("position", "height"):
+        for quantity in dataset.attrs["quantities"]:
             written.append(save(_draw(dataset, i, quantity), Path(folder) / f"gdop_{quantity}_{words}.png"))
     return written
 
 
 def _draw(dataset: xr.Dataset, index: int, quantity: str) -> Figure:
-    figure, axes = new_figure(height=10.5)
-    chosen = dataset[quantity].isel(set=index)
-    values = chosen.transpose("along", "cross").values / 1e3
-    along, cross = dataset["along"].values, dataset["cross"].values
+    attributes = dataset.attrs
+    vertical, horizontal = (dataset[attributes[name]].values for name in ("vertical", "horizontal"))
+    tall = np.ptp(vertical) / np.ptp(horizontal) if attributes["equal"] and np.ptp(horizontal) > 0 else 0.6
+    figure, axes = new_figure(height=float(np.clip(10.5 * tall, 5.5, 10.5)))
+    values = dataset[quantity].isel(set=index).transpose(attributes["vertical"], attributes["horizontal"]).values
+    finite = values[np.isfinite(values)]
+    unit = "m/s" if quantity == "velocity" else "km" if finite.size == 0 or np.median(finite) >= 300 else "m"
+    values = values / (1e3 if unit == "km" else 1.0)
     levels = _levels(values)
     filled = axes.contourf(
-        cross, along, values, levels, norm=LogNorm(levels[0], levels[-1]), cmap="viridis_r", alpha=0.75, extend="both"
+        horizontal,
+        vertical,
+        values,
+        levels,
+        norm=LogNorm(levels[0], levels[-1]),
+        cmap="viridis_r",
+        alpha=0.75,
+        extend="both",
     )
-    lines = axes.contour(cross, along, values, levels, colors="black", linewidths=0.9)
+    lines = axes.contour(horizontal, vertical, values, levels, colors="black", linewidths=0.9)
     axes.clabel(lines, fmt=lambda level: f"{level:g}", fontsize=12)
     bar = figure.colorbar(filled, ax=axes, shrink=0.8, ticks=levels, format=lambda level, _: f"{level:g}")
-    bar.set_label("bound [km]")
+    bar.set_label(f"bound [{unit}]")
     bar.ax.minorticks_off()
-    _draw_satellites(axes, dataset)
-    axes.set_aspect("equal")
+    _draw_tracks(figure, axes, dataset)
+    if attributes["equal"]:
+        axes.set_aspect("equal")
     axes.set(
-        xlabel="across the track of satellite 0, right positive [km]",
-        ylabel="along its track [km]",
-        xlim=(cross[0], cross[-1]),
-        ylim=(along[0], along[-1]),
+        xlabel=attributes["horizontal_label"],
+        ylabel=attributes["vertical_label"],
+        xlim=(horizontal[0], horizontal[-1]),
+        ylim=(vertical[0], vertical[-1]),
     )
-    attributes = dataset.attrs
-    what = "position error (root of the trace)" if quantity == "position" else "height error"
     axes.set_title(
-        f"Bound of the {what} after {attributes['duration_s']:g} s: {dataset['set'].values[index]}\n"
-        f"process noise {attributes['acceleration_mps2']:g} m/s²; prior {attributes['prior']}\n"
-        f"target {attributes['target']}; satellites above {attributes['minimum_elevation_deg']:g}° throughout",
+        f"Bound of the {_TITLES[quantity]} after {attributes['duration_s']:g} s: {dataset['set'].values[index]}\n"
+        f"process noise {attributes['noise']}; prior {attributes['prior']}\n"
+        f"target: {attributes['target']}",
         fontsize=12,
     )
     return figure
@@ -76,28 +95,48 @@ def _draw(dataset: xr.Dataset, index: int, quantity: str) -> Figure:
 
 def _levels(values: np.ndarray) -> np.ndarray:
     """Return the levels that occur on the map, and one more on either side."""
-    finite = values[np.isfinite(values)]
+    finite = values[np.isfinite(values) & (values > 0)]
     if finite.size == 0:
-        return _LEVELS
-    low = max(0, int(np.searchsorted(_LEVELS, finite.min())) - 1)
-    high = min(_LEVELS.size, int(np.searchsorted(_LEVELS, finite.max())) + 1)
-    return _LEVELS[low : max(high, low + 2)]
+        return _LEVELS[(_LEVELS >= 0.1) & (_LEVELS <= 100)]
+    # a few extreme points are worth no level
+    least, most = np.percentile(finite, [0.5, 99.5])
+    levels = _between(_LEVELS, least, most)
+    if levels.size < _FEW:
+        levels = _between(_FINE, least, most)
+    return levels if levels.size <= _MOST else levels[:: -(-levels.size // _MOST)]
 
 
-def _draw_satellites(axes: Any, dataset: xr.Dataset) -> None:
-    tracks = dataset["track"].transpose("satellite", "time", "axis").values
+def _between(levels: np.ndarray, least: float, most: float) -> np.ndarray:
+    low = max(0, int(np.searchsorted(levels, least)) - 1)
+    high = min(levels.size, int(np.searchsorted(levels, most)) + 1)
+    return levels[low : max(high, low + 2)]
+
+
+def _draw_tracks(figure: Figure, axes: Any, dataset: xr.Dataset) -> None:
+    tracks = np.moveaxis(dataset["track"].values, 1, 0)
+    labels = dataset.attrs["track_labels"]
     middle = tracks.shape[1] // 2
-    for i, track in enumerate(tracks):
+    named: set[str] = set()
+    for i, (track, label) in enumerate(zip(tracks, labels, strict=True)):
         axes.plot(track[:, 1], track[:, 0], color="white", linewidth=4)
-        axes.plot(track[:, 1], track[:, 0], color="#d55e00", linewidth=1.8, label="ground tracks" if i == 0 else None)
+        shown = None if label in named else label
+        axes.plot(track[:, 1], track[:, 0], color="#d55e00", linewidth=1.8, label=shown)
+        named.add(label)
+        several = len(tracks) > 1
         axes.plot(
             track[middle, 1],
             track[middle, 0],
             "^",
             color="#d55e00",
-            markeredgecolor="white",
+            markeredgecolor="white" if i == 0 else "#d55e00",
             markersize=10,
-            label="satellites at mid pass (filled: satellite 0)" if i == 0 else None,
+            label=None if i else "at half time (filled: satellite 0)" if several else "at half time",
             fillstyle="full" if i == 0 else "none",
         )
-    axes.legend(loc="lower left", framealpha=0.9)
+    points = dataset["point"].values
+    if points.size:
+        label = dataset.attrs["points_label"]
+        axes.plot(points[:, 1], points[:, 0], "s", color="#cc79a7", markeredgecolor="white", label=label, markersize=9)
+    if len(tracks) or points.size:
+        # beside the map, which it would hide
+        figure.legend(loc="outside lower center", ncols=3, frameon=False)

@@ -2,16 +2,362 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 
-from systems.estimators.base import Estimator
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context
+
+from systems.estimators.base import Epoch, Estimator, Innovation, Memory, Wiring
+from systems.estimators.start import CloudStart, Start
+from systems.filters.gaussian import take
+from systems.filters.linear_algebra import semidefinite_root
+from systems.filters.particle.draws import Draws
+from systems.filters.particle.health import COLUMNS, LEAST_EVIDENCE, evidence, follow, normalised_innovation
+from systems.filters.particle.likelihood import Likelihood, Reading
+from systems.filters.particle.update import Cloud, ParticleUpdate
+from systems.filters.particle.weights import effective_size, moments, normalise, unique_sorted
+from systems.filters.whitening import Whitener
+from systems.measurement.base import MeasurementModel
+from systems.motion.base import MotionModel
 
 __all__ = ["ParticleEstimator"]
 
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_AT_ONCE = 20_000  # particles: what fits into a processor's cache; more at once are slower
+_PORTS = COLUMNS[:-1]
+
 
 class ParticleEstimator(Estimator):
-    """Base of the particle filters."""
+    """A cloud of particles per trial behind the common ports.
+
+    ``estimate`` and ``covariance`` are the moments of the weighted cloud, before it is resampled; ``prediction`` and
+    ``prediction_covariance`` those of the predicted one. ``innovation`` is the mean of the predicted cloud's residuals,
+    ``nis`` is normalised by their covariance and that of the noise.
+
+    Further outputs, each (trials, 1): ``effective_particles``; ``ancestors``, how many particles of the start of the
+    present window all of today's come from; ``evidence`` and its recent average, ``recent_evidence``, see
+    `systems.filters.particle.health.evidence`; ``diverged``, 1 where the recent evidence is too small or the ancestors
+    are no more than the state has components; ``stages`` of tempering in this epoch; ``restarts`` so far.
+
+    Parameters
+    ----------
+    name : str
+        Name of the block; part of the key of its random numbers.
+    update : ParticleUpdate
+        What is done with a measurement.
+    model, motion, start, wiring
+        See `Estimator`. A `CloudStart` gives particles, any other start one Gaussian.
+    particles : int
+        Particles per trial.
+    window : int
+        Updates after which ancestors are counted anew; 0: since the start.
+    restart : bool
+        Begin again from the measurement where the evidence says that the cloud has diverged, if the start knows how
+        (`Start.again`).
+
+    Raises
+    ------
+    ValueError
+        If there are fewer particles than 2, or the window is negative.
+
+    Notes
+    -----
+    Everything random is a function of (seed, name, trial, tick, purpose). Process noise whose covariance depends on
+    the state is taken at the mean of the cloud.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        update: ParticleUpdate,
+        model: MeasurementModel,
+        motion: MotionModel,
+        start: Start,
+        wiring: Wiring,
+        particles: int = 10_000,
+        window: int = 0,
+        restart: bool = False,
+    ) -> None:
+        if particles < 2:
+            raise ValueError(f"{name}: particles: {particles} is not allowed; a whole number >= 2")
+        if window < 0:
+            raise ValueError(f"{name}: window: {window} is not allowed; a whole number >= 0")
+        self.update, self.particles, self.window, self.restart = update, particles, window, restart
+        self._whitener = Whitener(model.noise_covariance())
+        super().__init__(name, model, motion, start, wiring)
+        after = {self.cached_ticket(self._posterior)}
+        for i, port in enumerate(_PORTS):
+            self.declare_output(port, wiring.trials, 1, partial(self._health, i), after)
+
+    def _health(self, column: int, context: Context) -> Array:
+        return self.cached(context, self._posterior)[0]["health"][:, column]
 
     def health_ports(self) -> Sequence[str]:
         """Return the names of the ports that tell how the cloud is."""
-        return ()
+        return _PORTS
+
+    def cloud(self, context: Context) -> Cloud:
+        """Return the clouds after the measurement of now: particles (trials, n, N), log weights and ancestors."""
+        return self._cloud(self.cached(context, self._posterior)[0])
+
+    # ---- memory
+
+    def memory_sizes(self) -> Mapping[str, int]:
+        """See `Estimator.memory_sizes`."""
+        n, count = self.motion.size, self.particles
+        sizes = {
+            "particles": n * count,
+            "log_weight": count,
+            "ancestor": count,
+            "mean": n,
+            "covariance": n * n,
+            "health": len(COLUMNS),
+        }
+        return {**sizes, "motion_input": self.motion.input_size} if self.motion.input_size else sizes
+
+    def moments(self, memory: Memory) -> tuple[Array, Array]:
+        """See `Estimator.moments`; those of a predicted cloud are worked out when somebody asks for them."""
+        n = self.motion.size
+        if "mean" not in memory:
+            return self._predicted_moments(memory)
+        return memory["mean"], memory["covariance"].reshape(-1, n, n)
+
+    def _cloud(self, memory: Memory) -> Cloud:
+        particles = memory["particles"].reshape(-1, self.motion.size, self.particles)
+        return Cloud(particles, memory["log_weight"], memory["ancestor"])
+
+    def _memory(self, cloud: Cloud, mean: Array, covariance: Array, health: Array) -> Memory:
+        trials = mean.shape[0]
+        memory = {
+            "particles": cloud.particles.reshape(trials, -1),
+            "log_weight": cloud.log_weight,
+            "ancestor": cloud.ancestor,
+            "mean": mean,
+            "covariance": covariance.reshape(trials, -1),
+            "health": health,
+        }
+        return {**memory, "motion_input": self.motion.initial_input(mean)} if self.motion.input_size else memory
+
+    def _draws(self, epoch: Epoch) -> Draws:
+        """Return the random numbers of an instant; between ticks they are keyed by the time."""
+        tick, draw, name = epoch.tick, epoch.draw, self.get_name()
+        if tick is None:
+            name, tick = f"{name}@{epoch.time!r}", 0
+        return Draws(draw.seed, name, tick, draw.first_trial + np.arange(self.wiring.trials))
+
+    def _groups_of_trials(self) -> Iterator[slice]:
+        step = max(1, _AT_ONCE // self.particles)
+        for start in range(0, self.wiring.trials, step):
+            yield slice(start, min(start + step, self.wiring.trials))
+
+    # ---- Estimator
+
+    def first(
+        self, measurement: Array, platforms: Array, inputs: Mapping[str, Array], epoch: Epoch
+    ) -> tuple[Memory, Mask]:
+        """See `Estimator.first`."""
+        if not isinstance(self.start, CloudStart):
+            return super().first(measurement, platforms, inputs, epoch)
+        return self._first_cloud(self.start, measurement, platforms, inputs, epoch)
+
+    def begin(self, mean: Array, covariance: Array, epoch: Epoch) -> Memory:
+        """See `Estimator.begin`: draw every cloud from one Gaussian."""
+        trials, n = mean.shape
+        covariance = np.reshape(covariance, (trials, n, n))
+        particles = np.full((trials, n, self.particles), np.nan)
+        able = np.flatnonzero(np.isfinite(mean.sum(axis=-1) + covariance.sum(axis=(-1, -2))))
+        draws = self._draws(epoch)
+        for part in np.array_split(able, max(1, able.size * self.particles // _AT_ONCE)):
+            white = draws.normal("start", part, (n, self.particles))
+            particles[part] = mean[part, :, None] + semidefinite_root(covariance[part]) @ white
+        return self._begun(particles, np.zeros((trials, self.particles)), np.array(mean), covariance.copy())
+
+    def _begun(self, particles: Array, log_weight: Array, mean: Array, covariance: Array) -> Memory:
+        trials = mean.shape[0]
+        ancestor = np.tile(np.arange(self.particles, dtype=float), (trials, 1))
+        health = np.zeros((trials, len(COLUMNS)))
+        health[:, :2] = self.particles
+        return self._memory(Cloud(particles, log_weight, ancestor), mean, covariance, health)
+
+    def _first_cloud(
+        self, start: CloudStart, measurement: Array, platforms: Array, inputs: Mapping[str, Array], epoch: Epoch
+    ) -> tuple[Memory, Mask]:
+        """Draw every cloud from what the start knows; resample those of which too few particles count."""
+        trials, n, count = self.wiring.trials, self.motion.size, self.particles
+        draws = self._draws(epoch)
+        particles, log_weight = np.full((trials, n, count), np.nan), np.zeros((trials, count))
+        mean, covariance = np.full((trials, n), np.nan), np.full((trials, n, n), np.nan)
+        effective, able = np.full(trials, float(count)), np.zeros(trials, dtype=bool)
+        for group in self._groups_of_trials():
+            index = np.arange(group.start, group.stop)
+            white = draws.normal("start", index, (count, n))
+            some = {port: value[group] for port, value in inputs.items()}
+            drawn, drawn_log = start.cloud(measurement[group], take(platforms, index), some, white)
+            good = np.isfinite(drawn_log.max(axis=-1)) & np.isfinite(drawn.sum(axis=(-1, -2)))
+            index = index[good]
+            if index.size == 0:
+                continue
+            cloud = Cloud(np.ascontiguousarray(np.moveaxis(drawn[good], -1, 1)), drawn_log[good], drawn_log[good])
+            weight, _ = normalise(cloud.log_weight)
+            mean[index], covariance[index] = moments(cloud.particles, weight)
+            effective[index], able[index] = effective_size(weight), True
+            particles[index], log_weight[index] = cloud.particles, cloud.log_weight
+            few = np.flatnonzero(effective[index] < self.update.threshold * count)
+            if few.size:
+                rows = index[few]
+                fresh = self.update.resample(
+                    cloud.rows(few), weight[few], mean[rows], covariance[rows], draws, rows, -1
+                )
+                particles[rows], log_weight[rows] = fresh.particles, 0.0
+        memory = self._begun(particles, log_weight, mean, covariance)
+        memory["health"][:, 0] = effective
+        return memory, able
+
+    def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
+        """See `Estimator.move`."""
+        cloud, draws, motion, carried = self._cloud(memory), self._draws(epoch), self.motion, {}
+        if motion.input_size:
+            carried = {"motion_input": motion.next_input(memory["mean"], memory["motion_input"], dt)}
+        particles = np.empty_like(cloud.particles)
+        for group in self._groups_of_trials():
+            index, here, own = np.arange(group.start, group.stop), memory["mean"][group], motion
+            if motion.input_size:
+                own = motion.driven(carried["motion_input"][group])
+                moving = motion.driven(carried["motion_input"][group, None])
+            else:
+                moving = motion
+            moved = np.moveaxis(moving.propagate(np.moveaxis(cloud.particles[group], 1, -1), dt), -1, 1)
+            particles[group] = moved
+            # a trial that has not started or is lost has no process noise to speak of
+            noise = own.process_noise(np.where(np.isfinite(here), here, 1.0), dt)
+            if noise.any():
+                root = semidefinite_root(noise)
+                root = root[..., np.any(root != 0, axis=tuple(range(root.ndim - 1)))]
+                particles[group] += root @ draws.normal("motion", index, (root.shape[-1], self.particles))
+        kept = {group: memory[group] for group in ("log_weight", "ancestor", "health")}
+        return {"particles": particles.reshape(len(particles), -1), **kept, **carried}
+
+    def _predicted_moments(self, memory: Memory) -> tuple[Array, Array]:
+        cloud, n = self._cloud(memory), self.motion.size
+        mean, covariance = np.empty((self.wiring.trials, n)), np.empty((self.wiring.trials, n, n))
+        for group in self._groups_of_trials():
+            mean[group], covariance[group] = self._moments_of(Cloud(*(array[group] for array in cloud)))
+        return mean, covariance
+
+    @staticmethod
+    def _moments_of(cloud: Cloud) -> tuple[Array, Array]:
+        return moments(cloud.particles, normalise(cloud.log_weight)[0])
+
+    def correct(
+        self,
+        memory: Memory,
+        measurement: Array,
+        platforms: Array,
+        noise_covariance: Array | None,
+        epoch: Epoch,
+    ) -> tuple[Memory, Innovation]:
+        """See `Estimator.correct`."""
+        trials, m, n = measurement.shape[0], self.model.size, self.motion.size
+        posterior = {group: np.empty_like(value) for group, value in memory.items()}
+        posterior |= {"mean": np.empty((trials, n)), "covariance": np.empty((trials, n * n))}
+        if self.motion.input_size:
+            posterior["motion_input"] = memory["motion_input"]
+        innovation = Innovation(np.full((trials, m), np.nan), np.full(trials, np.nan), np.zeros(trials))
+        draws = self._draws(epoch)
+        for group in self._groups_of_trials():
+            part = {name: value[group] for name, value in memory.items()}
+            whitener = self._whitener if noise_covariance is None else Whitener(noise_covariance[group])
+            carriers = platforms if platforms.shape[0] == 1 else platforms[group]
+            reading = Reading(self.model, measurement[group], carriers, whitener)
+            given = draws.of(np.arange(group.start, group.stop))
+            after, (value, nis, rows) = self._correct_group(part, reading, given)
+            for name, array in after.items():
+                posterior[name][group] = array
+            innovation.value[group], innovation.nis[group], innovation.nis_dof[group] = value, nis, rows
+        return posterior, innovation
+
+    def _correct_group(self, memory: Memory, reading: Reading, draws: Draws) -> tuple[Memory, Innovation]:
+        """Correct some trials; one that is lost, or of which nothing is measured, stays as it is."""
+        prior, n = self._cloud(memory), self.motion.size
+        everyone = np.arange(len(prior.particles))
+        residual = reading.residual(prior.particles, everyone)
+        missing = ~np.isfinite(reading.measurement)
+        if not np.isfinite(residual.sum()):
+            missing |= ~np.isfinite(residual).any(axis=1)
+        rows = np.count_nonzero(~missing, axis=-1)
+        value, nis = np.full(missing.shape, np.nan), np.full(len(rows), np.nan)
+        if not rows.all():
+            some = np.flatnonzero(rows)
+            after = dict(memory)
+            mean, covariance = self._moments_of(prior)
+            after |= {"mean": mean, "covariance": covariance.reshape(len(mean), -1)}
+            if some.size:
+                part = {name: array[some] for name, array in after.items()}
+                told = self._correct_group(part, reading.rows(some), draws.of(some))
+                for name, array in told[0].items():
+                    after[name] = after[name].copy()
+                    after[name][some] = array
+                value[some], nis[some] = told[1].value, told[1].nis
+            return after, Innovation(value, nis, rows)
+        prior, health = self._window(prior, memory["health"])
+        weight, _ = normalise(prior.log_weight)
+        known = residual if np.isfinite(residual.sum()) else np.where(np.isfinite(residual), residual, 0.0)
+        value = (np.moveaxis(known, -1, 1) @ weight[..., None])[..., 0]
+        result = self.update(prior, Likelihood(reading, missing), residual, draws)
+        now = evidence(result.log_evidence, result.spread, rows)
+        recent = follow(health[:, 3], now)
+        ancestors = unique_sorted(result.cloud.ancestor)
+        diverged = (recent < LEAST_EVIDENCE) | (ancestors <= n)
+        columns = [result.effective, ancestors, now, recent, diverged, result.stages, health[:, 6], health[:, 7] + 1]
+        after = {
+            "particles": result.cloud.particles.reshape(len(rows), -1),
+            "log_weight": result.cloud.log_weight,
+            "ancestor": result.cloud.ancestor,
+            "mean": result.mean,
+            "covariance": result.covariance.reshape(len(rows), -1),
+            "health": np.stack(columns, axis=-1),
+        }
+        nis = normalised_innovation(result.innovation, result.spread)
+        return after, Innovation(np.where(missing, np.nan, value), nis, rows)
+
+    def _window(self, cloud: Cloud, health: Array) -> tuple[Cloud, Array]:
+        """Count ancestors anew in trials whose window is over."""
+        over = (health[:, -1] >= self.window) if self.window else np.zeros(len(health), dtype=bool)
+        if not over.any():
+            return cloud, health
+        ancestor = np.where(over[:, None], np.arange(self.particles, dtype=float), cloud.ancestor)
+        health = health.copy()
+        health[over, -1] = 0.0
+        return cloud._replace(ancestor=ancestor), health
+
+    # ---- beginning again
+
+    def _calc_posterior(self, context: Context) -> tuple[Memory, Innovation, Mask]:
+        memory, innovation, started = super()._calc_posterior(context)
+        if "mean" not in memory:
+            mean, covariance = self.moments(memory)
+            memory = {**memory, "mean": mean, "covariance": covariance.reshape(len(mean), -1)}
+        again = self.start.again
+        if not self.restart or again is None:
+            return memory, innovation, started
+        lost = memory["health"][:, 3] < LEAST_EVIDENCE
+        if not lost.any():
+            return memory, innovation, started
+        inputs = {port: self.read(context, port) for port in self.start.inputs}
+        stream, platforms, epoch = (
+            self.read(context, "measurement"),
+            self._read_platforms(context),
+            self._epoch(context),
+        )
+        if isinstance(again, CloudStart):
+            begun, able = self._first_cloud(again, stream, platforms, inputs, epoch)
+        else:
+            mean, covariance = again.begin(stream, platforms, inputs)
+            begun, able = self.begin(mean, covariance, epoch), np.all(np.isfinite(mean), axis=-1)
+        lost &= able & (innovation.nis_dof > 0)
+        begun["health"][:, 6] = memory["health"][:, 6] + 1
+        return {group: np.where(lost[:, None], begun[group], memory[group]) for group in memory}, innovation, started

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["cholesky", "semidefinite_root", "symmetric"]
+__all__ = ["cholesky", "inverse_lower", "semidefinite_root", "symmetric"]
 
 Array = NDArray[np.float64]
 
 _RANK = 1e-13  # share of a variance below which what is left of it is rounding error
 _SMALLEST_EIGENVALUE = 1e-12  # of the correlation matrix, where a covariance has to be repaired
+_BLOCK = 256  # matrices at a time, so that they stay in the cache
 
 
 def symmetric(matrix: Array) -> Array:
@@ -51,6 +52,36 @@ def _repaired(matrix: Array) -> Array:
     # QR turns the square root into a triangular one without squaring it again.
     factor = np.linalg.qr(root.T)[1].T
     return scale[:, None] * factor * np.where(np.diagonal(factor) < 0, -1.0, 1.0)
+
+
+def inverse_lower(factor: Array) -> Array:
+    """Return the inverses of lower triangular matrices, shape (..., n, n); NaN in one stays in it.
+
+    Notes
+    -----
+    LAPACK is called for one small matrix after the other, and NumPy's interface to it knows nothing of triangles. Here
+    a column is eliminated in all matrices at once (Golub and Van Loan, *Matrix Computations*, section 3.1). It is done
+    so for a single matrix, too, where LAPACK would be faster: a trial is to be the same alone as among others.
+    """
+    n = factor.shape[-1]
+    flat = factor.reshape(-1, n, n)
+    inverse = np.empty(flat.shape)
+    for begin in range(0, len(flat), _BLOCK):
+        part = slice(begin, begin + _BLOCK)
+        inverse[part] = _inverse_last(np.ascontiguousarray(flat[part].transpose(1, 2, 0))).transpose(2, 0, 1)
+    return inverse.reshape(factor.shape)
+
+
+def _inverse_last(factor: Array) -> Array:
+    """Return the inverses of lower triangular matrices (n, n, count)."""
+    n = len(factor)
+    scale = 1 / np.einsum("iit->it", factor)
+    unit = factor * scale[:, None]
+    inverse = np.zeros_like(factor)
+    np.einsum("iit->it", inverse)[...] = scale
+    for j in range(n - 1):
+        inverse[j + 1 :, : j + 1] -= unit[j + 1 :, j, None] * inverse[j, : j + 1]
+    return inverse
 
 
 def semidefinite_root(covariance: ArrayLike) -> Array:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from systems.filters.linear_algebra import cholesky, inverse_lower
 
 __all__ = ["Gains", "Posterior"]
 
@@ -88,33 +91,40 @@ class Gains:
         self._orthogonal = orthogonal[..., : rows.shape[-2], :]
         self._gram[self._wide] = np.eye(n)
 
-    def coordinates(self, whitened: Array) -> Array:
-        """Return y, the correction of the mean in terms of L, for whitened residuals (..., m)."""
-        solved: Array = np.linalg.solve(self._gram, self._columns @ whitened[..., None])[..., 0].astype(
-            float, copy=False
-        )
+    @cached_property
+    def _inverse(self) -> Array:
+        """The inverse of M's lower triangular factor."""
+        factor = cholesky(self._gram)
         if self._wide is not None:
-            projected = np.swapaxes(self._orthogonal, -1, -2) @ whitened[self._wide][..., None]
-            solved[self._wide] = np.linalg.solve(self._upper, projected)[..., 0]
-        return solved
+            factor[self._wide] = np.swapaxes(self._upper, -1, -2)
+        return inverse_lower(factor)
 
     def correction(self, whitened: Array) -> Array:
-        """Return the correction of the mean for whitened residuals (..., m)."""
-        return (self._root @ self.coordinates(whitened)[..., None])[..., 0]
+        """Return the correction of the mean for whitened residuals (..., m).
+
+        One right-hand side is solved for faster than M is factored and inverted, which only `update` and the
+        covariance need.
+        """
+        y: Array = np.linalg.solve(self._gram, self._columns @ whitened[..., None])
+        if self._wide is not None:
+            projected = np.swapaxes(self._orthogonal, -1, -2) @ whitened[self._wide][..., None]
+            y[self._wide] = np.linalg.solve(self._upper, projected)
+        return (self._root @ y)[..., 0]
 
     def update(self, whitened: Array) -> tuple[Array, Array]:
         """Return the correction of the mean, and the normalised innovation squared, for a whitened innovation."""
-        y = self.coordinates(whitened)
-        left = whitened - (self.rows @ y[..., None])[..., 0]
-        nis = np.einsum("...i,...i->...", left, left) + np.einsum("...i,...i->...", y, y)
-        return (self._root @ y[..., None])[..., 0], nis
+        right = whitened[..., None]
+        projected = self._inverse @ (self._columns @ right)
+        if self._wide is not None:
+            projected[self._wide] = np.swapaxes(self._orthogonal, -1, -2) @ right[self._wide]
+        y = np.swapaxes(self._inverse, -1, -2) @ projected
+        left = (right - self.rows @ y)[..., 0]
+        nis = np.einsum("...i,...i->...", left, left) + np.einsum("...ij,...ij->...", y, y)
+        return (self._root @ y)[..., 0], nis
 
     def root(self) -> Array:
         """Return a square root A of the posterior covariance, A A^T (not triangular)."""
-        factor = np.linalg.cholesky(self._gram)
-        if self._wide is not None:
-            factor[self._wide] = np.swapaxes(self._upper, -1, -2)
-        return np.swapaxes(np.linalg.solve(factor, np.swapaxes(self._root, -1, -2)), -1, -2)
+        return self._root @ np.swapaxes(self._inverse, -1, -2)
 
     def covariance(self) -> Array:
         """Return the posterior covariance."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.filters.gaussian import GaussianFilter, predict_extended
-from systems.filters.linear_algebra import cholesky, symmetric
+from systems.filters.linear_algebra import cholesky, inverse_lower, symmetric
 from systems.filters.square_root import Gains, Posterior
 from systems.filters.whitening import Whitener, missing_rows
 from systems.measurement.base import MeasurementModel
@@ -91,10 +91,7 @@ class UnscentedKalman(GaussianFilter):
         n = mean.shape[-1]
         c, weight, centre = self._weights(n)
         root = cholesky(covariance)
-        spread = c * np.swapaxes(root, -1, -2)
-        wide = mean[..., None, :]
-        points = np.concatenate([wide, wide + spread, wide - spread], axis=-2)
-        values = model.predict(points, platforms[:, None])
+        values = model.predict(_points(mean, c * root), platforms[:, None])
         middle = values[..., :1, :]
         plus = model.residual(values[..., 1 : n + 1, :], middle)
         minus = model.residual(values[..., n + 1 :, :], middle)
@@ -113,7 +110,7 @@ class UnscentedKalman(GaussianFilter):
         bend = (w @ shift[..., None])[..., 0]
         omega = 2 * weight * (np.swapaxes(bends, -1, -2) @ bends)
         omega += centre * bend[..., :, None] * bend[..., None, :]
-        inflated = np.linalg.inv(cholesky(np.eye(model.size) + omega)) @ w
+        inflated = inverse_lower(cholesky(np.eye(model.size) + omega)) @ w
         gains = Gains(root, inflated @ np.swapaxes(odd, -1, -2))
         step, nis = gains.update((inflated @ innovation[..., None])[..., 0])
         if missing is None:
@@ -123,3 +120,18 @@ class UnscentedKalman(GaussianFilter):
             used = np.count_nonzero(~missing, axis=-1).astype(float)
             nis = np.where(used > 0, nis, np.nan)
         return Posterior(mean + step, gains.covariance(), innovation, nis, used)
+
+
+def _points(mean: Array, spread: Array) -> Array:
+    """Return mean, mean + and mean - each column of `spread` (trials, n, n), shape (trials, 2 n + 1, n).
+
+    In memory each component of the state lies in one piece, for all trials and points: measurement models work on
+    components.
+    """
+    trials, n = mean.shape
+    parts = np.empty((n, trials, 2 * n + 1))
+    columns, middle = np.swapaxes(spread, 0, 1), mean.T[..., None]
+    parts[..., :1] = middle
+    np.add(middle, columns, out=parts[..., 1 : n + 1])
+    np.subtract(middle, columns, out=parts[..., n + 1 :])
+    return parts.transpose(1, 2, 0)

@@ -88,13 +88,13 @@ class Direction(BodyDirection):
 
     def _angles(self, body: Array) -> Array:
         x, y, z = body
-        angles = np.empty((*x.shape, 2))
-        angles[..., 0] = np.arctan2(y, x)
-        angles[..., 1] = np.arctan2(z, np.sqrt(x * x + y * y))
-        under = (x == 0) & (y == 0)
-        if under.any():
-            angles[under, 0] = np.nan
-        return angles
+        ground = np.sqrt(x * x + y * y)
+        angles = np.empty((2, *x.shape))
+        np.arctan2(y, x, out=angles[0, ...])
+        np.arctan2(z, ground, out=angles[1, ...])
+        if not ground.all():
+            angles[0, ground == 0] = np.nan
+        return np.moveaxis(angles, 0, -1)
 
     def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
         """See `SightedModel.predict_from`."""
@@ -130,8 +130,11 @@ class Direction(BodyDirection):
         return np.diag([self.sigma**2, self.sigma_depression**2])
 
     def residual(self, measured: Array, predicted: Array) -> Array:
-        """Return the difference, in [-pi, pi)."""
-        return wrap(measured - predicted)
+        """Return the difference; that of the azimuth in [-pi, pi). The depression goes from -pi/2 to pi/2."""
+        difference = measured - predicted
+        azimuth = difference[..., 0]
+        azimuth -= 2 * np.pi * np.floor((azimuth + np.pi) / (2 * np.pi))
+        return difference
 
     def represent(self, value: Array) -> Array:
         """Return the angles in [-pi, pi)."""

@@ -258,5 +258,7 @@ class CurrentStatistical(MotionModel):
     def process_noise(self, state: Array, dt: float) -> Array:
         """See `MotionModel.process_noise`; shape (..., n, n)."""
         _, _, unit, _ = _matrices(self.alpha, float(dt), self.biases)
-        spread = np.einsum("...a,aij->...ij", self.variance(self._mean(state)), unit)
+        variance = self.variance(self._mean(state))
+        n = unit.shape[-1]
+        spread = np.einsum("...a,ai->...i", variance, unit.reshape(3, n * n)).reshape(*variance.shape[:-1], n, n)
         return spread + dt * self._bias_noise

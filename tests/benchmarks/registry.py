@@ -17,6 +17,7 @@ COMPARISONS: dict[str, str] = {
     "rocket_filter": "tests.benchmarks.rocket_filter:compare",
     "ensemble_size": "tests.benchmarks.ensemble_size:compare",
     "bearings_only": "tests.benchmarks.bearings_only:compare",
+    "particle_filter": "tests.benchmarks.particle_filter:compare",
     "satellite_ranging": "tests.benchmarks.satellite_ranging:compare",
 }
 """Function of each comparison, ``compare(size: Size) -> Section``, as ``module:function``."""

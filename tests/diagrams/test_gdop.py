@@ -1,19 +1,14 @@
 import numpy as np
 import pytest
 
+from diagrams.bound_map import last_bound, map_figures
 from diagrams.catalogue import load_scenario
 from diagrams.errors import UserError
 from diagrams.figures.gdop import draw_gdop
-from diagrams.gdop import (
-    Prior,
-    bound_after_pass,
-    gdop_areas,
-    gdop_figures,
-    gdop_map,
-    ground_grid,
-    measurement_sets,
-)
+from diagrams.gdop import Prior, gdop_areas, gdop_map, ground_grid, ground_map, measurement_sets
+from diagrams.three_satellite import models
 from systems.frames import ecef_to_geodetic
+from systems.measurement.stack import Stack
 
 SETS = {
     "TDOA+phA": ["tdoa", "phase_a"],
@@ -56,6 +51,11 @@ REFERENCE = {
 
 def scenario_of(formation, acceleration):
     return load_scenario("three_satellite", formation, settings=[f"belief.acceleration_mps2={acceleration}"])
+
+
+def bound_after_pass(scenario, grid, kinds, prior):
+    stack = Stack([models(scenario, True)[kind] for kind in kinds])
+    return last_bound(ground_map(scenario, grid, {"one": stack}, scenario.belief.acceleration_mps2, prior), stack)
 
 
 def last_digit(value):
@@ -167,7 +167,7 @@ def test_users_mistakes_are_named():
 def test_figures_and_table(tmp_path, capsys):
     scenario = scenario_of(None, 0.1)
     scenario.estimators = {"iekf_tdoa_phase": scenario.estimators["iekf_tdoa_phase"]}
-    gdop_figures(scenario, tmp_path, progress=False)
+    map_figures("three_satellite", scenario, tmp_path, progress=False)
     names = {"gdop_position_tdoa_phase_a.png", "gdop_height_tdoa_phase_a.png"}
     assert {path.name for path in tmp_path.iterdir()} == names
     printed = capsys.readouterr().out

@@ -27,7 +27,7 @@ def test_update_is_kalmans():
         np.testing.assert_allclose(covariance[i], expected, rtol=1e-9, atol=1e-11)
         np.testing.assert_allclose(nis[i], statistic, rtol=1e-10)
     np.testing.assert_array_equal(covariance, np.swapaxes(covariance, -1, -2))
-    np.testing.assert_allclose(gains.correction(innovation), step, rtol=1e-14)
+    np.testing.assert_allclose(gains.correction(innovation), step, rtol=1e-12)
     half = gains.root()
     np.testing.assert_allclose(half @ np.swapaxes(half, -1, -2), covariance, rtol=1e-13)
 

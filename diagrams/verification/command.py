@@ -1,0 +1,72 @@
+"""What ``quietfix verify`` does: a table, ``verification.json``, a figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.markup import escape
+from rich.table import Table
+
+from diagrams.figures.style import save
+from diagrams.figures.verification import draw_verification
+from diagrams.results import OutputFolder
+from diagrams.tables import print_table
+from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED, WORDS
+from diagrams.verification.verify import Finding, Report, plain, verify
+
+__all__ = ["print_report", "verify_command"]
+
+_STYLES = {HOLDS: "green", FAILS: "bold red", UNDECIDED: "yellow"}
+
+
+def verify_command(file: Path, trials: int | None, seed: int | None, out: Path | None, overwrite: bool) -> int:
+    """Judge a requirements file, print a table and return the exit status; see ``quietfix verify --help``."""
+    if out is None:
+        report = verify(file, trials=trials, seed=seed, progress=True)
+        print_report(report)
+        return report.status
+    with OutputFolder(out, overwrite) as folder:
+        report = verify(file, trials=trials, seed=seed, progress=True)
+        (folder.partial / "verification.json").write_text(report.as_json(), encoding="utf-8")
+        save(draw_verification(report), folder.partial / "verification.png")
+        folder.finish()
+    print_report(report)
+    print(f"wrote {out}: verification.json, verification.png")
+    return report.status
+
+
+def print_report(report: Report) -> None:
+    """Print a table of a report: one row per requirement."""
+    looks = ", ".join(map(str, report.looks))
+    table = Table(
+        title=f"{report.path.name}: {report.specification.system}, seed {report.seed}",
+        caption=f"looks at {looks} trials; each requirement's verdict is wrong with probability 1 - confidence at most,"
+        " all looks together; the interval is that of the look that decided",
+    )
+    cases = bool(report.specification.cases)
+    for heading in ("requirement", *(["case"] if cases else []), "estimator", "metric"):
+        table.add_column(heading)
+    for heading in ("estimate", "interval", "limit", "unit", "confidence", "verdict", "trials"):
+        table.add_column(heading, justify="left" if heading in ("unit", "verdict") else "right", no_wrap=True)
+    for finding in report.findings:
+        table.add_row(*_row(finding, cases))
+    print_table(table)
+    counts = [sum(f.verdict == verdict for f in report.findings) for verdict in (HOLDS, FAILS, UNDECIDED)]
+    print("{} of {} hold, {} fail, {} undecided".format(counts[0], len(report.findings), *counts[1:]))
+
+
+def _row(finding: Finding, cases: bool) -> list[str]:
+    asked, style = finding.requirement, _STYLES[finding.verdict]
+    return [
+        escape(asked.name),
+        *([escape(asked.case)] if cases else []),
+        asked.estimator,
+        escape(finding.metric),
+        plain(finding.estimate),
+        f"{plain(finding.lower)} to {plain(finding.upper)}",
+        finding.limit,
+        finding.unit,
+        f"{asked.confidence:g}",
+        f"[{style}]{WORDS[finding.verdict]}[/]",
+        str(finding.trials),
+    ]

@@ -1,0 +1,172 @@
+"""A requirements file: typed YAML, loaded and checked like a scenario."""
+
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from diagrams.catalogue import split_name
+from diagrams.errors import UserError, choose
+from diagrams.scenario import load, read_yaml
+from diagrams.verification.metric import MetricChoice
+from diagrams.verification.sequential import Limit, plan_looks
+from systems.documented import Allowed, count, documented, number, text
+
+__all__ = ["SUFFIX", "Case", "Requirement", "Specification", "beside", "read_specification"]
+
+SUFFIX = ".requirements.yaml"
+"""How the name of a file ends that pytest collects."""
+
+_CONFIDENCE = Allowed(lambda v: 0.5 <= v < 1, "a number >= 0.5 and < 1, such as 0.95")
+_FEWEST = 20
+
+
+@dataclass
+class Case:
+    """One study: the system of the file, with a variant or settings of its own."""
+
+    variant: str = text("variant of the system; by default the file's")
+    set: list[str] = documented("changes of the scenario, KEY=VALUE, after the file's own", factory=list)
+
+
+@dataclass
+class Requirement:
+    """What is asked."""
+
+    name: str = text("what the report calls it")
+    metric: MetricChoice | None = documented("what is measured: !Rmse, !Median, !Percentile ...", None)  # type: ignore[valid-type]
+    estimator: str = text("of which estimator; by default the file's only one")
+    case: str = text("of which case; by default the file's only one")
+    at_least: float | None = number("the metric is at least this, in its own unit (m, m/s, deg, s)", None)
+    at_most: float | None = number("the metric is at most this", None)
+    confidence: float | None = documented("that the verdict is right; by default the file's", None, allowed=_CONFIDENCE)
+    why: str = text("where the limit comes from")
+
+    @property
+    def limit(self) -> Limit:
+        """What the metric may be."""
+        return Limit(self.at_least, self.at_most)
+
+
+@dataclass
+class Specification:
+    """Requirements on one system."""
+
+    system: str = text("SYSTEM or SYSTEM:VARIANT")
+    scenario: str = text("a YAML file laid over the packaged scenario, relative to this file")
+    set: list[str] = documented("changes of the scenario, KEY=VALUE", factory=list)
+    estimators: list[str] = documented("names, or package.module:Class (beside this file, too)", factory=list)
+    cases: dict[str, Case] = documented("studies of the same system with other settings, by name", factory=dict)
+    trials: int = count("trials at the first look", 100, at_least=_FEWEST)
+    trial_limit: int = count("trials at the last look", 1000, at_least=_FEWEST)
+    looks: int = count("planned looks, from the first to the last in equal ratios", 4)
+    seed: int = count("seed of all noise", 0, at_least=0)
+    confidence: float = documented("that a verdict is right, each requirement by itself", 0.95, allowed=_CONFIDENCE)
+    slow: bool = documented("whether pytest marks the tests `slow`", True)
+    requirements: list[Requirement] = documented("what is asked", factory=list)
+
+    def looks_at(self, trials: int | None = None) -> tuple[int, ...]:
+        """Return at how many trials is looked; `trials` instead of the file's limit."""
+        limit = self.trial_limit if trials is None else trials
+        return plan_looks(min(self.trials, limit), limit, self.looks)
+
+
+def estimator_key(name: str) -> str:
+    """Return what a study calls an estimator that is asked for by name or by ``package.module:Class``."""
+    return name.partition(":")[2].lower() if ":" in name else name
+
+
+@contextmanager
+def beside(path: Path) -> Iterator[None]:
+    """Make classes in files beside a requirements file importable."""
+    folder = str(path.resolve().parent)
+    sys.path.append(folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)
+
+
+def read_specification(path: Path) -> Specification:
+    """Read and check a requirements file, as far as that can be done without building its diagrams.
+
+    Raises
+    ------
+    UserError
+        Naming the file, the field, the value and what is allowed.
+    """
+    data = read_yaml(path, "requirements file")
+    if not data:
+        raise UserError(f"requirements file: {path} is empty; a system and its requirements are needed")
+    try:
+        specification = load(Specification, [data])
+        _complete(specification)
+    except UserError as error:
+        raise UserError(f"{path.name}: {error}") from error
+    return specification
+
+
+def _complete(specification: Specification) -> None:
+    """Fill in what a requirement leaves to the file, and check what belongs together."""
+    if not specification.system:
+        raise UserError("system: it is missing; a name that `quietfix list` prints")
+    head, _ = split_name(specification.system)
+    if specification.trials > specification.trial_limit:
+        raise UserError(
+            f"trials: {specification.trials} is not allowed; at most trial_limit, which is {specification.trial_limit}"
+        )
+    for name, case in specification.cases.items():
+        if case.variant:
+            try:
+                split_name(f"{head}:{case.variant}")
+            except UserError as error:
+                raise UserError(f"cases.{name}.variant: {error}") from error
+    if not specification.requirements:
+        raise UserError("requirements: none is given; at least one is needed")
+    names: dict[str, int] = {}
+    for i, requirement in enumerate(specification.requirements):
+        where = f"requirements.{i}"
+        _complete_one(specification, requirement, where)
+        if requirement.name in names:
+            raise UserError(
+                f"{where}.name: {requirement.name!r} is not allowed; number {names[requirement.name]} has it"
+            )
+        names[requirement.name] = i
+
+
+def _complete_one(specification: Specification, requirement: Requirement, where: str) -> None:
+    if requirement.metric is None:
+        raise UserError(f"{where}.metric: it is missing; a tag such as !Rmse {{of: position, time_s: 100}}")
+    least, most = requirement.at_least, requirement.at_most
+    if least is None and most is None:
+        raise UserError(f"{where}: there is no limit; at_least, at_most or both")
+    if least is not None and most is not None and not least < most:
+        raise UserError(f"{where}.at_least: {least:g} is not allowed; less than at_most, which is {most:g}")
+    requirement.confidence = specification.confidence if requirement.confidence is None else requirement.confidence
+    requirement.case = (
+        _only(requirement.case, list(specification.cases), f"{where}.case") if specification.cases else ""
+    )
+    keys = [estimator_key(name) for name in specification.estimators]
+    if keys:
+        requirement.estimator = _only(estimator_key(requirement.estimator), keys, f"{where}.estimator")
+    elif not requirement.estimator:
+        raise UserError(f"{where}.estimator: it is missing; a name that `quietfix show {specification.system}` prints")
+    other = getattr(requirement.metric, "to", None)
+    if other is not None:
+        if not other:
+            raise UserError(f"{where}.metric.to: it is missing; another estimator")
+        if keys:
+            requirement.metric.to = choose(f"{where}.metric.to", estimator_key(other), keys)
+    if not requirement.name:
+        requirement.name = requirement.metric.title()
+
+
+def _only(value: str, allowed: list[str], where: str) -> str:
+    """Return the value if it is allowed, the only allowed one if there is none."""
+    if not value and len(allowed) == 1:
+        return allowed[0]
+    if not value:
+        raise UserError(f"{where}: it is missing; one of {', '.join(allowed)}")
+    return choose(where, value, allowed)

@@ -1,0 +1,157 @@
+"""A study that grows: trials n, n+1 ... continue it, since noise is a pure function of the trial's number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagrams.errors import UserError
+from diagrams.study import Study
+from diagrams.verification.metric import Run, View
+from diagrams.verification.specification import Requirement, Specification, estimator_key
+
+__all__ = ["GrowingStudy"]
+
+Array = NDArray[np.float64]
+
+
+class GrowingStudy:
+    """The trials of one case, as many as have been asked for; of each, only what its requirements take is kept.
+
+    Parameters
+    ----------
+    specification : Specification
+        The file.
+    path : Path
+        Where it is; a scenario file is relative to it.
+    case : str
+        Name of the case, empty if the file has none.
+    looks : sequence of int
+        The numbers of trials that will be asked for.
+    seed : int
+        Seed of all noise.
+    progress : bool
+        Show a progress bar.
+
+    Raises
+    ------
+    UserError
+        If it cannot be built, or a requirement does not fit the system or the run.
+    """
+
+    def __init__(
+        self,
+        specification: Specification,
+        path: Path,
+        case: str,
+        looks: Sequence[int],
+        seed: int,
+        progress: bool = False,
+    ) -> None:
+        self.requirements = [r for r in specification.requirements if r.case == case]
+        self.looks = tuple(looks)
+        self._progress = progress
+        self._options = _options(specification, path, case, self.requirements) | {"seed": seed}
+        probe = self._study(1, 0)
+        wired, _, _ = probe.wire(1)
+        self.run = Run(wired)
+        self.version = str(probe.attributes(wired)["version"])
+        for i, requirement in enumerate(specification.requirements):
+            if requirement.case == case:
+                self._check(requirement, f"requirements.{i}")
+        self._samples: list[list[Array]] = []
+        self._squares: list[list[float | None]] = []
+
+    def _study(self, trials: int, first: int) -> Study:
+        return Study(**self._options, trials=trials, first_trial=first)
+
+    def _check(self, requirement: Requirement, where: str) -> None:
+        assert requirement.metric is not None and requirement.confidence is not None
+        requirement.metric.check(self.run, requirement.estimator, f"{where}.metric")
+        statistic, limit = requirement.metric.statistic(self.run), requirement.limit
+        tail = limit.tail(requirement.confidence, len(self.looks))
+        sides = [upper for upper, side in ((False, limit.at_least), (True, limit.at_most)) if side is not None]
+        needed = max(statistic.floor, *(statistic.fewest(tail, upper) for upper in sides))
+        if self.looks[-1] < needed:
+            raise UserError(
+                f"{where}: {self.looks[-1]} trials at the last look are not allowed; "
+                f"its confidence and {len(self.looks)} looks need at least {needed} to decide it"
+            )
+
+    # ---- growing
+
+    def _grow(self) -> None:
+        """Run the trials up to the next look."""
+        k = len(self._samples)
+        first = self.looks[k - 1] if k else 0
+        parts: list[list[Array]] = [[] for _ in self.requirements]
+        squares: list[float | None] = []
+        for chunk in self._study(self.looks[k] - first, first).chunks(self._progress):
+            view = View(chunk)
+            for r, found in zip(self.requirements, parts, strict=True):
+                found.append(r.metric.reduce(view, r.estimator, self.run))
+            if chunk["trial"].values[-1] == self.looks[k] - 1:  # the last chunk carries the bounds
+                squares = [r.metric.bound_square(chunk, r.estimator, self.run) for r in self.requirements]
+        self._samples.append([np.concatenate(found) for found in parts])
+        self._squares.append(squares)
+
+    def samples(self, requirement: Requirement, trials: int) -> Array:
+        """Return the samples (n, columns) of the first `trials` trials, without those that have none.
+
+        Raises
+        ------
+        UserError
+            If no trial has one, or the system has no such bound.
+        """
+        place = next(i for i, r in enumerate(self.requirements) if r is requirement)
+        segments = self.looks.index(trials) + 1
+        while len(self._samples) < segments:
+            self._grow()
+        values = np.concatenate([segment[place] for segment in self._samples[:segments]])
+        kept = values[~np.isnan(values).any(axis=-1)]
+        what = f"requirement {requirement.name!r}: estimator {requirement.estimator}"
+        if not kept.size:
+            raise UserError(f"{what} has no number for {requirement.metric.title()}; another metric or time is needed")
+        square = self._bound(place, segments)
+        if square is None:
+            return kept
+        if not math.isfinite(square) or square <= 0:
+            raise UserError(f"{what} has no such bound in this system; an RMSE with a limit of its own is needed")
+        return np.concatenate([kept, np.full_like(kept, square)], axis=-1)
+
+    def _bound(self, place: int, segments: int) -> float | None:
+        """Return the squared bound over the first looks' trials."""
+        parts = [row[place] for row in self._squares[:segments]]
+        if any(part is None for part in parts):
+            return None
+        counts = np.diff([0, *self.looks[:segments]])
+        return float(np.average(np.array(parts, dtype=float), weights=counts))
+
+
+def _options(
+    specification: Specification, path: Path, case: str, requirements: Sequence[Requirement]
+) -> dict[str, Any]:
+    """Return the arguments of the study."""
+    chosen = specification.cases.get(case)
+    variant = chosen.variant if chosen is not None and chosen.variant else None
+    head = specification.system.partition(":")[0]
+    full = {estimator_key(name): name for name in specification.estimators}
+    used: dict[str, str] = {}
+    for requirement in requirements:
+        for name in (requirement.estimator, getattr(requirement.metric, "to", "")):
+            if name:
+                used.setdefault(estimator_key(name), full.get(name, name))
+        requirement.estimator = estimator_key(requirement.estimator)
+        if hasattr(requirement.metric, "to"):
+            requirement.metric.to = estimator_key(requirement.metric.to)
+    return {
+        "system": f"{head}:{variant}" if variant else specification.system,
+        "scenario": path.parent / specification.scenario if specification.scenario else None,
+        "set": [*specification.set, *(chosen.set if chosen is not None else [])],
+        "estimators": list(used.values()),
+    }

@@ -1,0 +1,264 @@
+"""Judge the requirements of a file, each on as many trials as it needs."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from diagrams.errors import UserError
+from diagrams.verification.sequential import FAILS, UNDECIDED, WORDS, judge
+from diagrams.verification.specification import Requirement, Specification, beside, read_specification
+from diagrams.verification.trials import GrowingStudy
+
+__all__ = ["Finding", "Report", "Verification", "verify"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What came out of one requirement.
+
+    Attributes
+    ----------
+    requirement : Requirement
+        What was asked.
+    unit : str
+        Of metric and limits.
+    verdict : int
+        `HOLDS`, `FAILS` or `UNDECIDED`.
+    trials : int
+        How many were used.
+    estimate, lower, upper : float
+        The metric, and its interval at the look that decided.
+    tail : float
+        Share of repetitions in which each end of the interval misses.
+    """
+
+    requirement: Requirement
+    unit: str
+    verdict: int
+    trials: int
+    estimate: float
+    lower: float
+    upper: float
+    tail: float
+
+    @property
+    def word(self) -> str:
+        """The verdict in words."""
+        return f"undecided at {self.trials} trials" if self.verdict == UNDECIDED else WORDS[self.verdict]
+
+    @property
+    def limit(self) -> str:
+        """The limit in words."""
+        least, most = self.requirement.at_least, self.requirement.at_most
+        if least is not None and most is not None:
+            return f"{plain(least)} to {plain(most)}"
+        return f">= {plain(least)}" if least is not None else f"<= {plain(most)}"
+
+    @property
+    def metric(self) -> str:
+        """The metric in words."""
+        assert self.requirement.metric is not None
+        return self.requirement.metric.title()
+
+    def sentence(self) -> str:
+        """Return all of it in one line."""
+        unit = f" {self.unit}" if self.unit else ""
+        asked = self.requirement
+        case = f" in case {asked.case}" if asked.case else ""
+        return (
+            f"{asked.name}: {self.word}; {self.metric} of {asked.estimator}{case} is {plain(self.estimate)}"
+            f" [{plain(self.lower)}, {plain(self.upper)}]{unit}, limit {self.limit}{unit},"
+            f" confidence {asked.confidence:g}, {self.trials} trials"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for ``verification.json``; null for what is not finite."""
+        asked = self.requirement
+        numbers = {"estimate": self.estimate, "lower": self.lower, "upper": self.upper}
+        return {
+            "name": asked.name,
+            "case": asked.case or None,
+            "estimator": asked.estimator,
+            "metric": self.metric,
+            "unit": self.unit or None,
+            **{key: value if math.isfinite(value) else None for key, value in numbers.items()},
+            "tail": self.tail,
+            "at_least": asked.at_least,
+            "at_most": asked.at_most,
+            "confidence": asked.confidence,
+            "verdict": WORDS[self.verdict],
+            "trials": self.trials,
+            "why": asked.why or None,
+        }
+
+
+def plain(value: float | None) -> str:
+    """Return a number with as many digits as mean something."""
+    if value is None:
+        return "-"
+    if not math.isfinite(value):
+        return str(value)
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+@dataclass(frozen=True)
+class Report:
+    """What came out of a file.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    specification : Specification
+        What is in it.
+    seed : int
+        Seed of all noise.
+    looks : tuple of int
+        The planned numbers of trials.
+    findings : tuple of Finding
+        In the order of the file.
+    version : str
+        Of Quietfix.
+    """
+
+    path: Path
+    specification: Specification
+    seed: int
+    looks: tuple[int, ...]
+    findings: tuple[Finding, ...]
+    version: str
+
+    @property
+    def status(self) -> int:
+        """Exit status: 0 all hold, 1 one fails, 3 none fails and one is undecided."""
+        verdicts = {finding.verdict for finding in self.findings}
+        return 1 if FAILS in verdicts else 3 if UNDECIDED in verdicts else 0
+
+    def as_json(self) -> str:
+        """Return ``verification.json``."""
+        content = {
+            "file": self.path.name,
+            "system": self.specification.system,
+            "seed": self.seed,
+            "looks": list(self.looks),
+            "version": self.version,
+            "status": self.status,
+            "requirements": [finding.as_json() for finding in self.findings],
+        }
+        return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+
+class Verification:
+    """The requirements of a file; each is judged when it is asked for, and those of one case share its trials.
+
+    The verdict on one requirement does not depend on which others are judged: every case is looked at after the
+    same numbers of trials, and those are the same trials.
+
+    Parameters
+    ----------
+    path : Path
+        Requirements file.
+    trials : int, optional
+        Trials at the last look, instead of the file's.
+    seed : int, optional
+        Instead of the file's.
+    progress : bool
+        Show a progress bar.
+
+    Raises
+    ------
+    UserError
+        For a mistake in the file, naming field, value and what is allowed.
+    """
+
+    def __init__(
+        self, path: Path | str, trials: int | None = None, seed: int | None = None, progress: bool = False
+    ) -> None:
+        self.path = Path(path)
+        self.specification = read_specification(self.path)
+        if trials is not None and trials < 1:
+            raise UserError(f"--trials: {trials} is not allowed; a whole number >= 1")
+        if seed is not None and seed < 0:
+            raise UserError(f"--seed: {seed} is not allowed; a whole number >= 0")
+        self.looks = self.specification.looks_at(trials)
+        self.seed = self.specification.seed if seed is None else seed
+        self._progress = progress
+        self._studies: dict[str, GrowingStudy] = {}
+
+    def build(self) -> None:
+        """Build the diagram of every case and check every requirement against it, before any trial is run."""
+        for requirement in self.specification.requirements:
+            self._study(requirement.case)
+
+    @property
+    def version(self) -> str:
+        """Of Quietfix, as the studies say it."""
+        return next(study.version for study in self._studies.values())
+
+    def _study(self, case: str) -> GrowingStudy:
+        if case not in self._studies:
+            where = f"{self.path.name}: " + (f"case {case}: " if case else "")
+            with beside(self.path):
+                try:
+                    self._studies[case] = GrowingStudy(
+                        self.specification, self.path, case, self.looks, self.seed, self._progress
+                    )
+                except ValueError as error:  # a block says what is wrong with its arguments in the user's words
+                    raise UserError(f"{where}{error}") from error
+        return self._studies[case]
+
+    def judge(self, requirement: Requirement) -> Finding:
+        """Run as many trials as this requirement needs, and judge it."""
+        study = self._study(requirement.case)
+        metric, confidence = requirement.metric, requirement.confidence
+        assert metric is not None and confidence is not None
+        with beside(self.path):
+            found = judge(
+                lambda n: study.samples(requirement, n),
+                metric.statistic(study.run),
+                requirement.limit,
+                confidence,
+                self.looks,
+            )
+        return Finding(
+            requirement,
+            metric.unit(study.run),
+            int(found.verdict),
+            int(found.trials),
+            float(found.estimate),
+            float(found.lower),
+            float(found.upper),
+            requirement.limit.tail(confidence, len(self.looks)),
+        )
+
+
+def verify(path: Path | str, *, trials: int | None = None, seed: int | None = None, progress: bool = False) -> Report:
+    """Judge all requirements of a file.
+
+    Parameters
+    ----------
+    path : path
+        A requirements file; see `diagrams.verification.specification.Specification`.
+    trials, seed : int, optional
+        Trials at the last look and seed, instead of the file's.
+    progress : bool
+        Show a progress bar on a terminal.
+
+    Returns
+    -------
+    Report
+
+    Raises
+    ------
+    UserError
+        For a mistake in the file, naming field, value and what is allowed.
+    """
+    verification = Verification(path, trials, seed, progress)
+    verification.build()
+    findings = tuple(verification.judge(requirement) for requirement in verification.specification.requirements)
+    made = verification
+    return Report(made.path, made.specification, made.seed, made.looks, findings, made.version)

@@ -1,0 +1,1 @@
+"""Particle filters: pure functions over trials and particles."""

@@ -1,0 +1,49 @@
+"""Kernels that make particles of one parent different again."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["bandwidth", "shrunk_kernel"]
+
+Array = NDArray[np.float64]
+
+
+def bandwidth(n: int, particles: int) -> float:
+    """Return the optimal width of a Gaussian kernel for a Gaussian density, ``(4 / ((n + 2) N))^(1 / (n + 4))``.
+
+    Silverman, *Density Estimation for Statistics and Data Analysis*, 1986, eq. (4.14); at most 1.
+    """
+    return min(1.0, (4 / ((n + 2) * particles)) ** (1 / (n + 4)))
+
+
+def shrunk_kernel(cloud: Array, mean: Array, root: Array, white: Array, width: float) -> Array:
+    r"""Draw from a kernel density of the cloud without widening it.
+
+    .. math:: x_i \leftarrow \bar x + a\,(x_i - \bar x) + h L\,e_i, \qquad a = \sqrt{1 - h^2}
+
+    Liu and West, *Combined parameter and state estimation in simulation-based filtering*, in Doucet et al., *Sequential
+    Monte Carlo Methods in Practice*, 2001, 197-223: a kernel without the shrinkage would add :math:`h^2 P` to the
+    covariance each time.
+
+    Parameters
+    ----------
+    cloud : ndarray, shape (trials, n, N)
+        Equal weights.
+    mean : ndarray, shape (trials, n)
+        Of the cloud.
+    root : ndarray, shape (trials, n, n)
+        L, of its covariance.
+    white : ndarray, shape (trials, n, N)
+        Standard normal.
+    width : float
+        h, from 0 to 1.
+    """
+    shrink = math.sqrt(1 - width**2)
+    moved = (width * root) @ white
+    moved += shrink * cloud
+    moved += (1 - shrink) * mean[..., None]
+    return moved

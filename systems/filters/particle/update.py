@@ -1,0 +1,234 @@
+"""The measurement update of a cloud: weights, resampling, and where wanted tempering and a kernel."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.filters.linear_algebra import cholesky
+from systems.filters.particle.draws import Draws
+from systems.filters.particle.kernel import bandwidth, shrunk_kernel
+from systems.filters.particle.likelihood import Likelihood
+from systems.filters.particle.resampling import SCHEMES, parents
+from systems.filters.particle.tempering import next_exponent
+from systems.filters.particle.weights import effective_size, moments, normalise
+
+__all__ = ["Cloud", "ParticleUpdate", "Updated"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+class Cloud(NamedTuple):
+    """Particles of some trials.
+
+    Attributes
+    ----------
+    particles : ndarray, shape (trials, n, N)
+    log_weight : ndarray, shape (trials, N)
+        Up to a constant.
+    ancestor : ndarray, shape (trials, N)
+        Which particle of an earlier instant each comes from; rising.
+    """
+
+    particles: Array
+    log_weight: Array
+    ancestor: Array
+
+    def rows(self, which: Index) -> Cloud:
+        """Return some trials, as a copy."""
+        return Cloud(*(array[which] for array in self))
+
+
+class Updated(NamedTuple):
+    """What an update gives.
+
+    Attributes
+    ----------
+    cloud : Cloud
+    mean, covariance : ndarray, shapes (trials, n) and (trials, n, n)
+        Moments of the weighted cloud, before the last resampling: resampling only adds noise to them.
+    effective : ndarray, shape (trials,)
+        Effective sample size there.
+    log_evidence : ndarray, shape (trials,)
+        Logarithm of the predictive likelihood of the whitened measurement, without its constant.
+    innovation : ndarray, shape (trials, m)
+        Whitened mean residual of the predicted cloud.
+    spread : ndarray, shape (trials, m, m)
+        Its covariance, noise included.
+    stages : ndarray, shape (trials,)
+        Tempering stages.
+    """
+
+    cloud: Cloud
+    mean: Array
+    covariance: Array
+    effective: Array
+    log_evidence: Array
+    innovation: Array
+    spread: Array
+    stages: Array
+
+
+@dataclass(frozen=True)
+class ParticleUpdate:
+    """Weight by the likelihood and resample; temper and jitter where asked.
+
+    With the defaults it is progressive correction (Musso, Oudjane and Le Gland, 2001; Oudjane and Musso, *Progressive
+    correction for regularized particle filters*, FUSION 2000): the likelihood is taken in powers small enough that
+    half of the particles count, and after each power the cloud is resampled and drawn anew from a shrunk kernel. With
+    ``share=None, kernel=False, threshold=math.inf`` it is the bootstrap filter of Gordon, Salmond and Smith (1993).
+
+    Parameters
+    ----------
+    share : float or None
+        Effective share of the particles that a stage must keep, between 0 and 1; None: the whole likelihood at once.
+    kernel : bool
+        Draw from a shrunk kernel after every resampling.
+    threshold : float
+        Resample after the last stage where the effective share is smaller than this; inf: always.
+    scheme : str
+        Name in `SCHEMES`.
+    max_stages : int
+        The last of so many stages takes all that remains.
+    """
+
+    share: float | None = 0.5
+    kernel: bool = True
+    threshold: float = 0.5
+    scheme: str = "systematic"
+    max_stages: int = 50
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        if self.share is not None and not 0 < self.share < 1:
+            raise ValueError(f"share: {self.share} is not allowed; a number > 0 and < 1")
+        if not self.threshold > 0:
+            raise ValueError(f"threshold: {self.threshold} is not allowed; a number > 0")
+        if self.scheme not in SCHEMES:
+            raise ValueError(f"resampling: {self.scheme} is not allowed; one of {', '.join(SCHEMES)}")
+        if self.max_stages < 1:
+            raise ValueError(f"max_stages: {self.max_stages} is not allowed; a whole number >= 1")
+
+    def resample(
+        self, cloud: Cloud, weight: Array, mean: Array, covariance: Array, draws: Draws, which: Index, stage: int
+    ) -> Cloud:
+        """Return clouds of equal weights; arguments are those of the trials `which` alone.
+
+        Parameters
+        ----------
+        cloud : Cloud
+        weight : ndarray, shape (trials, N)
+            They sum to 1.
+        mean, covariance : ndarray, shapes (trials, n) and (trials, n, n)
+            Moments of the weighted cloud.
+        draws : Draws
+            Random numbers of all trials.
+        which : ndarray of int
+            Which of those trials these are.
+        stage : int
+            How many resamplings there were at this instant.
+        """
+        trials, n, count = cloud.particles.shape
+        scheme = SCHEMES[self.scheme]
+        uniform = draws.uniform(f"resample:{stage}", which, 1 if scheme.one_number else count)
+        chosen = parents(scheme.counts(weight, uniform))
+        particles = np.empty_like(cloud.particles)
+        ancestor = np.empty_like(cloud.ancestor)
+        for old, new, a, b, rows in zip(
+            cloud.particles, particles, cloud.ancestor, ancestor, chosen, strict=True
+        ):  # whole clouds: a gather over both axes at once takes three times as long
+            np.take(old, rows, axis=1, out=new, mode="clip")
+            np.take(a, rows, out=b, mode="clip")
+        if self.kernel:
+            white = draws.normal(f"kernel:{stage}", which, (n, count))
+            particles = shrunk_kernel(particles, mean, cholesky(covariance), white, bandwidth(n, count))
+        return Cloud(particles, np.zeros((trials, count)), ancestor)
+
+    def __call__(self, cloud: Cloud, likelihood: Likelihood, residual: Array, draws: Draws) -> Updated:
+        """Return the posterior of every trial.
+
+        A trial's stages do not depend on the others': one that is done is not touched again.
+
+        Parameters
+        ----------
+        cloud : Cloud
+            Prior, finite.
+        likelihood : Likelihood
+            Of what was measured.
+        residual : ndarray, shape (trials, N, m)
+            Of the prior cloud.
+        draws : Draws
+            Random numbers of these trials.
+        """
+        trials, n, count = cloud.particles.shape
+        everyone = np.arange(trials)
+        log_likelihood, white = likelihood(cloud.particles, everyone, residual)
+        weight, _ = normalise(cloud.log_weight)
+        innovation, spread = moments(np.ascontiguousarray(np.moveaxis(white, -1, 1)), weight)
+        spread = spread + np.eye(white.shape[-1])
+        del white
+
+        done = Updated(
+            cloud=Cloud(*(np.empty_like(array) for array in cloud)),
+            mean=np.empty((trials, n)),
+            covariance=np.empty((trials, n, n)),
+            effective=np.empty(trials),
+            log_evidence=np.zeros(trials),
+            innovation=innovation,
+            spread=spread,
+            stages=np.zeros(trials),
+        )
+        active, remaining, stage = everyone, np.ones(trials), 0
+        while active.size:
+            if stage:
+                log_likelihood, _ = likelihood(cloud.particles, active)
+                weight = np.full(log_likelihood.shape, 1 / count)
+            hopeless = ~np.isfinite(log_likelihood.max(axis=-1))
+            if hopeless.any():  # no particle can explain it: nothing is learned but that
+                log_likelihood = np.where(hopeless[:, None], 0.0, log_likelihood)
+                done.log_evidence[active[hopeless]] = -math.inf
+            step = remaining
+            if self.share is not None and stage < self.max_stages - 1:
+                step = next_exponent(weight, log_likelihood, remaining, self.share)
+            old = normalise(cloud.log_weight)[1] if stage == 0 else math.log(count)
+            log_weight = cloud.log_weight + step[:, None] * log_likelihood
+            weight, log_sum = normalise(log_weight)
+            done.log_evidence[active] += log_sum - old
+            mean, covariance = moments(cloud.particles, weight)
+            effective = effective_size(weight)
+
+            last = step >= remaining
+            again = ~last | (effective < self.threshold * count)
+            done = self._finish(done, active, last & ~again, Cloud(cloud.particles, log_weight, cloud.ancestor))
+            for array, value in ((done.mean, mean), (done.covariance, covariance), (done.effective, effective)):
+                array[active] = value
+            done.stages[active] += 1
+            rows = np.flatnonzero(again)
+            if rows.size == 0:
+                break
+            if rows.size < active.size:
+                cloud, weight, mean, covariance = cloud.rows(rows), weight[rows], mean[rows], covariance[rows]
+                last, step, remaining, active = last[rows], step[rows], remaining[rows], active[rows]
+            cloud = self.resample(cloud, weight, mean, covariance, draws, active, stage)
+            done = self._finish(done, active, last, cloud)
+            rows = np.flatnonzero(~last)
+            active, remaining = active[rows], (remaining - step)[rows]
+            if rows.size < last.size:
+                cloud = cloud.rows(rows)
+            stage += 1
+        return done
+
+    @staticmethod
+    def _finish(done: Updated, active: Index, last: NDArray[np.bool_], cloud: Cloud) -> Updated:
+        """Return `done` with the clouds of those trials of `active` that are at their last stage."""
+        if last.all() and active.size == done.stages.size:
+            return done._replace(cloud=cloud)
+        if last.any():
+            for array, value in zip(done.cloud, cloud, strict=True):
+                array[active[last]] = value[last]
+        return done
