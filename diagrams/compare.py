@@ -329,7 +329,9 @@ def statistics(
         "confidence": confidence,
         "resamples": resamples,
         "correction": "Bonferroni over the comparisons of the best with all others",
+        "batch": min(study.chunk, draws.trials),
         "feedback": study.feedback,
+        "note": dataset.attrs.get("note", ""),
         "left_out": dict(chosen.left_out),
         "estimators": rows,
         "best": {

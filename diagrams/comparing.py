@@ -172,7 +172,7 @@ def _legend(found: Mapping[str, Any]) -> str:
         f"so against every other causal one ({found['correction']}, {percent} together). {_NOT_EFFICIENT}: the truth "
         f"does not move as the filter believes, so this is no efficiency. NEES/n: 1 is consistent; low, high: outside "
         f"the {percent} band. us: processor time of the estimator's own mathematics per step and trial, "
-        f"{found['trials']} trials at once."
+        f"{found['batch']} trials at once."
     )
 
 
@@ -188,9 +188,15 @@ def print_notes(found: Mapping[str, Any]) -> None:
         ratio = best["ratio"][best["runner_up"]]
         print(
             f"{words}: {best['name']} is {'' if best['significant'] else 'not '}significantly the best; "
-            f"{best['runner_up']} / {best['name']} = {number(ratio['value'])} "
-            f"({number(ratio['low'])} to {number(ratio['high'])})"
+            f"{best['runner_up']} / {best['name']} = {_ratio(ratio['value'])} "
+            f"({_ratio(ratio['low'])} to {_ratio(ratio['high'])})"
         )
+    if found["note"]:
+        print(found["note"])
     for name, reason in found["left_out"].items():
         print(f"left out: {name}: {reason}")
     print(f"{found['machine']}; {found['run_seconds']:.1f} s")
+
+
+def _ratio(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
