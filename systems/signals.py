@@ -1,5 +1,8 @@
 """Ensemble signals: every wire carries an array (trials, size), flattened in C order on a vector port.
 
+What is too large or too structured for that, such as a block of I/Q samples, travels as one frozen object on an
+abstract port.
+
 `EnsembleBlock` is the base of every Quietfix block. It declares such ports, reads them as arrays, keeps the
 seed and the first trial as context parameters, and declares cache entries in a way that does not pin the block
 in memory (on Drake 1.58 a cache entry whose callables hold the block keeps the whole diagram alive).
@@ -82,6 +85,7 @@ class EnsembleBlock(LeafSystem):
             raise ValueError("a block needs a name: its random numbers depend on it")
         self.set_name(name)
         self._sizes: dict[str, tuple[int, int]] = {}
+        self._kinds: dict[str, type] = {}
         self._draw_index: int | None = None
 
     def declare_input(self, name: str, trials: int, size: int) -> InputPort:
@@ -104,6 +108,25 @@ class EnsembleBlock(LeafSystem):
             output.SetFromVector(np.ravel(calc(context)))
 
         return self.DeclareVectorOutputPort(name, trials * size, write, prerequisites_of_calc=set(tickets))
+
+    def declare_abstract_input(self, name: str, kind: type) -> InputPort:
+        """Declare an input port that carries one object of type `kind`; read it with `read_abstract`."""
+        self._kinds[name] = kind
+        return self.DeclareAbstractInputPort(name, AbstractValue.Make(()))
+
+    def declare_abstract_output(self, name: str, calc: Callable[[Context], Any], tickets: Iterable[Any]) -> OutputPort:
+        """Declare an output port that carries the object that ``calc(context)`` returns.
+
+        Drake copies what is on a port with `copy.deepcopy`, whenever a context is cloned: the object should be frozen
+        and its own deep copy, as an `IqBlock` is.
+        """
+
+        def write(context: Context, output: AbstractValue) -> None:
+            output.set_value(calc(context))
+
+        return self.DeclareAbstractOutputPort(
+            name, lambda: AbstractValue.Make(()), write, prerequisites_of_calc=set(tickets)
+        )
 
     def declare_cached(self, name: str, calc: Callable[[Any, Context], Any], tickets: Iterable[Any]) -> Any:
         """Declare a cache entry and return its index; read it with `cached`.
@@ -140,6 +163,21 @@ class EnsembleBlock(LeafSystem):
         """Return the value of input port `name` as an array (trials, size)."""
         trials, size = self._sizes["in:" + name]
         return self.GetInputPort(name).Eval(context).reshape(trials, size)
+
+    def read_abstract(self, context: Context, name: str) -> Any:
+        """Return the object on input port `name`.
+
+        Raises
+        ------
+        ValueError
+            If it is not of the type that was declared: Drake connects any abstract port to any other.
+        """
+        value, kind = self.GetInputPort(name).Eval(context), self._kinds[name]
+        if not isinstance(value, kind):
+            raise ValueError(
+                f"{self.get_name()}: input {name} carries {type(value).__name__}; {kind.__name__} is needed"
+            )
+        return value
 
     def output_size(self, name: str) -> tuple[int, int]:
         """Return (trials, size) of output port `name`."""

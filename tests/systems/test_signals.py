@@ -89,6 +89,62 @@ def test_the_draw_reaches_every_block_that_draws():
             assert block.draw(block.GetMyContextFromRoot(context.Clone())) == draw
 
 
+class Parcel:
+    """A frozen object that is its own deep copy."""
+
+    def __init__(self, weight):
+        self.weight = weight
+
+    def __deepcopy__(self, memo):
+        return self
+
+
+class Sender(EnsembleBlock):
+    """Sends the same object at all times."""
+
+    def __init__(self, value):
+        super().__init__("sender")
+        self.declare_abstract_output("out", lambda context: value, {self.nothing_ticket()})
+
+
+class Scale(EnsembleBlock):
+    """Weighs a `Parcel`."""
+
+    def __init__(self):
+        super().__init__("scale")
+        self.declare_abstract_input("parcel", Parcel)
+        self.declare_output(
+            "weight",
+            1,
+            1,
+            lambda context: np.array([[self.read_abstract(context, "parcel").weight]]),
+            {self.input_ticket("parcel")},
+        )
+
+
+def _weighing(value):
+    builder = DiagramBuilder()
+    sender, scale = builder.AddSystem(Sender(value)), builder.AddSystem(Scale())
+    builder.Connect(sender.GetOutputPort("out"), scale.GetInputPort("parcel"))
+    diagram = builder.Build()
+    root = diagram.CreateDefaultContext()
+    return scale, [scale.GetMyContextFromRoot(context) for context in (root, root.Clone())]
+
+
+def test_an_object_travels_by_reference():
+    parcel = Parcel(3.0)
+    scale, contexts = _weighing(parcel)
+    for context in contexts:
+        assert scale.read_abstract(context, "parcel") is parcel
+        np.testing.assert_array_equal(scale.GetOutputPort("weight").Eval(context), [3.0])
+
+
+def test_an_object_of_another_type_is_named():
+    scale, (context, _) = _weighing(np.zeros(2))
+    with pytest.raises(ValueError, match="scale: input parcel carries ndarray; Parcel is needed"):
+        scale.GetOutputPort("weight").Eval(context)
+
+
 @pytest.mark.parametrize("value", [-1, 2**53, 1.5, "1", None])
 @pytest.mark.parametrize("field", ["seed", "first_trial"])
 def test_bad_draw(field, value):
