@@ -1,0 +1,1 @@
+"""The cross-ambiguity function of two receivers: time and frequency difference of arrival from I/Q samples."""
