@@ -82,7 +82,7 @@ def plan(samples: int, lags: int, half_frequency: float, more: float) -> Grid:
 
 
 def ambiguity_grid(first: Complex, second: Complex, grid: Grid) -> NDArray[np.float32]:
-    """Return \\|A\\|^2 on the grid.
+    """Return |A|^2 on the grid.
 
     Parameters
     ----------

@@ -25,6 +25,7 @@ from scipy import fft
 
 from systems.ambiguity.coarse import Grid, ambiguity_grid, plan
 from systems.ambiguity.fine import Peak, parabola, refine
+from systems.ambiguity.limits import check_duration
 from systems.ambiguity.phasor import phasor
 from systems.ambiguity.prefilter import Everything, Moments, Prefilter
 from systems.ambiguity.threshold import cells, confidence, right_cell_probability
@@ -93,6 +94,12 @@ class Window:
             if np.any(np.isinf(np.asarray(getattr(self, name), dtype=float))):
                 raise ValueError(f"window {name}: it must not be infinite")
 
+    @property
+    def trials(self) -> int:
+        """Number of windows."""
+        sizes = [np.size(getattr(self, name)) for name in ("delay", "frequency", "half_delay", "half_frequency")]
+        return max(sizes)
+
     def over(self, trials: int) -> tuple[Array, Array, Array, Array]:
         """Return the four, each of shape (trials,)."""
         values = (self.delay, self.frequency, self.half_delay, self.half_frequency)
@@ -148,9 +155,7 @@ class Differences:
         one = (np.full(trials, np.nan) for _ in range(7))
         delay, frequency, time, peak, sure, right, coherence = one
         two = np.full((trials, 2), np.nan), np.full((trials, 2), np.nan)
-        return Differences(
-            delay, frequency, time, *two, peak, sure, right, coherence, np.zeros(trials, dtype=np.int64)
-        )
+        return Differences(delay, frequency, time, *two, peak, sure, right, coherence, np.zeros(trials, dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -172,7 +177,10 @@ class CrossAmbiguity:
         Least share of the main receiver's block that has its counterpart in the auxiliary one.
     follow_rate : bool
         Let the delay drift within the block by -f / carrier per second, as a frequency difference f that is all Doppler
-        says it does. Not for receivers whose oscillators differ, nor where the carrier is not known.
+        says it does, and hold the integration time against the limits of `limits`. Not for receivers whose oscillators
+        differ, nor where the carrier is not known.
+    frequency_rate : float
+        Largest rate of the frequency difference to be expected [Hz/s]: limits the integration time.
     resample : bool
         Whether the sample rates may differ; the auxiliary block is then resampled to that of the main one.
 
@@ -188,6 +196,7 @@ class CrossAmbiguity:
     clipped_share: float = 0.02
     overlap: float = 0.9
     follow_rate: bool = True
+    frequency_rate: float = 0.0
     resample: bool = False
 
     def __post_init__(self) -> None:
@@ -204,22 +213,24 @@ class CrossAmbiguity:
         Parameters
         ----------
         main, auxiliary : IqBlock
-            What the receivers heard; one trial of either serves all trials of the other. The auxiliary block should
-            be longer than the main one by the largest delay on both sides, so that all of the latter has its
-            counterpart.
+            What the receivers heard; one trial of one of them serves all trials of the other, and of the window. The
+            auxiliary block should be longer than the main one by the largest delay on both sides, so that all of the
+            latter has its counterpart.
         window : Window
             Where the peak is sought.
 
         Raises
         ------
         ValueError
-            If the sample rates differ undeclared, or a block is shorter than what is integrated.
+            If the sample rates differ undeclared, a block is shorter than what is integrated, or the motion that the
+            window's centre tells of forbids so long an integration.
         """
         main, auxiliary, size = self._checked(main, auxiliary)
-        trials = max(main.trials, auxiliary.trials)
+        trials = max(main.trials, auxiliary.trials, window.trials)
         rate = main.sample_rate
         tuned = auxiliary.centre_frequency - main.centre_frequency
         delay, frequency, half_delay, half_frequency = window.over(trials)
+        self._check_duration(main, size, frequency)
         jobs = _Jobs(delay * rate, (frequency - tuned) / rate, half_delay * rate, half_frequency / rate)
         result = Differences.empty(trials)
         first = (main.size - size) // 2
@@ -237,6 +248,14 @@ class CrossAmbiguity:
                 work.run(part, jobs, grid, starts, healthy, result)
         result.frequency[:] += tuned
         return result
+
+    def _check_duration(self, main: IqBlock, size: int, frequency: Array) -> None:
+        known = frequency[np.isfinite(frequency)]
+        if not (self.follow_rate and main.centre_frequency > 0 and known.size):
+            return
+        edges = self.prefilter.edges
+        bandwidth = min(main.sample_rate, edges[1] - edges[0]) if edges else main.sample_rate
+        check_duration(size / main.sample_rate, known / main.centre_frequency, self.frequency_rate, bandwidth)
 
     def _checked(self, main: IqBlock, auxiliary: IqBlock) -> tuple[IqBlock, IqBlock, int]:
         if auxiliary.sample_rate != main.sample_rate:
@@ -365,7 +384,7 @@ class _Work:
             bins <= np.maximum(jobs.half_frequency[part], 0.5 * grid.step)[:, None]
         )[:, None, :]
         cell = np.array([1 / (self.moments.noise_bandwidth / self.rate), 1 / size])
-        peak, at, beyond = _coarse_peak(power, inside, grid)
+        at, beyond = _coarse_peak(power, inside, grid)
         begin_delay, begin_frequency = at[:, 0], at[:, 1] * grid.step
         # cut anew at the peak, so that less than a sample is left
         lag = np.rint(begin_delay).astype(np.int64)
@@ -390,7 +409,7 @@ class _Work:
         return float((weight * np.square(w - (weight * w).sum())).sum())
 
     def _filtered(self, x: Complex, y: Complex) -> tuple[Complex, Complex, Array]:
-        """Return both behind the prefilter, and the mean power of \\|A\\| where there is no signal."""
+        """Return both behind the prefilter, and the mean power of |A| where there is no signal."""
         size, longer = x.shape[-1], y.shape[-1]
         points = fft.next_fast_len(longer)
         table = self.settings.prefilter.table(points, self.rate)
@@ -400,9 +419,9 @@ class _Work:
         px, py = (np.square(z.real) + np.square(z.imag) for z in (x, y))
         # by Parseval the sum over all delays, of which `longer` are as good as full; shifted, so that the signal
         # itself does not count
-        noise = np.mean([np.einsum("nk,nk->n", px, np.roll(py, k, axis=-1)) for k in _NOISE_SHIFTS], axis=0)
+        noise = np.mean([(px * np.roll(py, k, axis=-1)).sum(axis=-1, dtype=float) for k in _NOISE_SHIFTS], axis=0)
         x, y = fft.ifft(x, axis=-1, overwrite_x=True), fft.ifft(y, axis=-1, overwrite_x=True)
-        return x[:, :size], y[:, :longer], noise.astype(float) / (points * longer)
+        return x[:, :size], y[:, :longer], noise / (points * longer)
 
     def _report(
         self,
@@ -423,11 +442,11 @@ class _Work:
         power = np.square(np.abs(fine.amplitude))
         peak = power / np.maximum(noise, np.finfo(float).tiny)
         rho = np.maximum(peak - 1, 0.0)
-        count = cells(
-            jobs.half_delay[part] / rate, jobs.half_frequency[part] * rate, self.moments.noise_bandwidth, duration
-        )
+        half_delay, half_frequency = jobs.half_delay[part] / rate, jobs.half_frequency[part] * rate
+        count = cells(half_delay, half_frequency, self.moments.noise_bandwidth, duration)
         result.peak[part] = peak
-        sure = result.confidence[part] = confidence(peak, count)
+        sure = confidence(peak, 2 * half_delay / self.moments.noise_cell, 2 * half_frequency * duration)
+        result.confidence[part] = sure
         result.right_cell[part] = right_cell_probability(rho, count)
         both = _energy(x) * _energy(y)
         result.coherence[part] = np.sqrt(np.minimum(power / np.maximum(both, np.finfo(float).tiny), 1.0))
@@ -447,10 +466,8 @@ def _energy(z: Complex) -> Array:
     return (np.square(z.real).sum(axis=-1, dtype=float) + np.square(z.imag).sum(axis=-1, dtype=float)).astype(float)
 
 
-def _coarse_peak(
-    power: NDArray[np.float32], inside: NDArray[np.bool_], grid: Grid
-) -> tuple[NDArray[np.float32], Array, NDArray[np.bool_]]:
-    """Return the highest power inside, its place (trials, 2) [samples, bins], and whether it is higher outside."""
+def _coarse_peak(power: NDArray[np.float32], inside: NDArray[np.bool_], grid: Grid) -> tuple[Array, NDArray[np.bool_]]:
+    """Return where the power is highest inside, (trials, 2) [samples, bins], and whether it is higher outside."""
     trials, rows, columns = power.shape
     allowed = np.where(inside, power, -1.0).reshape(trials, -1)
     best = np.argmax(allowed, axis=-1)
@@ -466,4 +483,4 @@ def _coarse_peak(
     ]
     offset = parabola(nine)
     place = np.stack([middle[0] - grid.lags, middle[1] - grid.bins], axis=-1) + offset
-    return peak, place, beyond
+    return place, beyond

@@ -1,4 +1,4 @@
-r"""Fine search: a parabola on the coarse grid, then Newton's iteration on log \|A\|^2.
+r"""Fine search: a parabola on the coarse grid, then Newton's iteration on log |A|^2.
 
 The delayed second channel and its derivatives with respect to the delay come from its Fourier transform, exactly.
 Their products with the first channel are summed over sub-blocks,
@@ -45,7 +45,7 @@ class Peak(NamedTuple):
     amplitude : ndarray of complex, shape (trials,)
         A there.
     curvature : ndarray, shape (trials, 2)
-        Of -log \\|A\\|^2 along delay and frequency [1/samples^2], [samples^2], at the peak.
+        Of -log |A|^2 along delay and frequency [1/samples^2], [samples^2], at the peak.
     quadrature, spread, lever : ndarray, shape (trials,)
         Of the cross-spectrum at the peak, turned to the phase of A: sum of the squares of its imaginary part; the same
         weighted by w^2, w from its centre [rad/sample]; and its real part weighted by w^2, over A.
@@ -98,7 +98,7 @@ def parabola(power: Array) -> Array:
 def refine(
     first: Complex, second: Complex, delay: Array, frequency: Array, cell: Array, curvature: Array, rate: Array
 ) -> Peak:
-    """Return the peaks of \\|A\\| near where the parabola has put them.
+    """Return the peaks of |A| near where the parabola has put them.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def refine(
     cell : ndarray, shape (2,)
         Size of a cell [samples], [cycles per sample].
     curvature : ndarray, shape (2,)
-        Expected curvature of -log \\|A\\|^2 [1/samples^2], [samples^2].
+        Expected curvature of -log |A|^2 [1/samples^2], [samples^2].
     rate : ndarray, shape (trials,)
         Rate of the delay [samples per sample].
 
@@ -117,7 +117,7 @@ def refine(
     -------
     Peak
     """
-    trials, size = first.shape
+    trials = first.shape[0]
     spectrum = fft.fft(second, axis=-1)
     found = np.stack([delay, frequency], axis=-1)
     start = found.copy()
@@ -194,7 +194,7 @@ class _Moments:
 
 
 def _gradient(parts: tuple[NDArray[np.complex128], ...]) -> tuple[Array, Array]:
-    """Return gradient (trials, 2) and Hessian (trials, 2, 2) of log \\|A\\|^2."""
+    """Return gradient (trials, 2) and Hessian (trials, 2, 2) of log |A|^2."""
     a = parts[0]
     t, f, tt, tf, ff = (part / np.where(a == 0, 1.0, a) for part in parts[1:])
     gradient = 2 * np.stack([t.real, f.real], axis=-1)
@@ -202,9 +202,7 @@ def _gradient(parts: tuple[NDArray[np.complex128], ...]) -> tuple[Array, Array]:
     return gradient, hessian.reshape(-1, 2, 2)
 
 
-def _newton(
-    moments: _Moments, cell: Array, curvature: Array
-) -> tuple[Array, NDArray[np.complex128], Array]:
+def _newton(moments: _Moments, cell: Array, curvature: Array) -> tuple[Array, NDArray[np.complex128], Array]:
     """Return offset (trials, 2), A and the curvature (trials, 2) at the maximum next to the middle.
 
     Where the Hessian has an eigenvalue that is not clearly negative, a least curvature takes its place: the step then

@@ -11,12 +11,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-__all__ = ["Band", "Everything", "Prefilter", "RootRaisedCosine"]
+__all__ = ["Band", "Everything", "Matched", "Moments", "Prefilter", "RootRaisedCosine", "Shaped"]
 
 Array = NDArray[np.float64]
 
@@ -143,6 +144,47 @@ class RootRaisedCosine(Prefilter):
         return np.square(self.response(frequency))
 
 
+class Shaped(Protocol):
+    """Anything with a power spectrum, such as a waveform; frozen, so that equal ones share their tables."""
+
+    @property
+    def bandwidth(self) -> float:
+        """Occupied band, both sides [Hz]."""
+
+    def spectrum(self, frequency: Array) -> Array:
+        """Return the power density [1/Hz] at frequencies from the centre [Hz], shape (...)."""
+
+
+@dataclass(frozen=True)
+class Matched(Prefilter):
+    """The filter matched to a known spectrum: G = sqrt(S), its highest value in the band scaled to 1.
+
+    Parameters
+    ----------
+    waveform : Shaped
+        Whose spectrum it is; zero outside its bandwidth.
+    """
+
+    waveform: Shaped
+
+    @property
+    def edges(self) -> tuple[float, float]:  # type: ignore[override]
+        """See `Prefilter`."""
+        half = 0.5 * self.waveform.bandwidth
+        return -half, half
+
+    def response(self, frequency: ArrayLike) -> Array:
+        """See `Prefilter.response`."""
+        highest = self.waveform.spectrum(np.linspace(*self.edges, _GRID + 1)).max()
+        density = self.spectrum(frequency)
+        return np.sqrt(np.maximum(density, 0.0) / highest)
+
+    def spectrum(self, frequency: ArrayLike) -> Array:
+        """See `Prefilter.spectrum`."""
+        f = np.asarray(frequency, dtype=float)
+        return np.where(np.abs(f) <= self.edges[1], self.waveform.spectrum(f), 0.0)
+
+
 @dataclass(frozen=True)
 class Moments:
     r"""Spectral integrals of a prefilter, all over one period of the sampled spectrum.
@@ -170,6 +212,13 @@ class Moments:
         return float(self.step * self.weight.sum() ** 2 / np.square(self.weight).sum())
 
     @cached_property
+    def noise_cell(self) -> float:
+        r"""Size of a cell of noise along the delay [s]: one over a flat band with its mean square frequency."""
+        weight = np.square(self.weight) / np.square(self.weight).sum()
+        mean = (weight * self.frequency).sum()
+        return 1 / math.sqrt(12 * float((weight * np.square(self.frequency - mean)).sum()))
+
+    @cached_property
     def bandwidth_squared(self) -> float | None:
         r""":math:`\int (w-\bar w)^2 S W/\int S W` [rad^2/s^2], of the weighted cross-spectrum; None: not known."""
         if self.spectrum is None:
@@ -183,7 +232,7 @@ class Moments:
 @lru_cache(maxsize=64)
 def _moments(prefilter: Prefilter, sample_rate: float) -> Moments:
     step = sample_rate / _GRID
-    frequency = (np.arange(_GRID) - _GRID // 2) * step
+    frequency = step * np.arange(-_GRID // 2, _GRID // 2, dtype=np.float64)
     spectrum = prefilter.spectrum(frequency)
     if spectrum is not None:
         spectrum = spectrum / (spectrum.sum() * step)

@@ -61,16 +61,25 @@ def right_cell_probability(rho: ArrayLike, count: ArrayLike) -> Array:
     return np.trapezoid(density * wins, r, axis=-1) / total
 
 
-def confidence(peak: ArrayLike, count: ArrayLike) -> Array:
-    """Return the chance that noise alone stays below a peak that was found in all cells, ``(1 - exp(-peak))**M``.
+def confidence(peak: ArrayLike, delays: ArrayLike, frequencies: ArrayLike) -> Array:
+    r"""Return the chance that noise alone stays below a peak, everywhere in the window.
+
+    A peak is sought between the cells as well, which makes noise more dangerous than M independent cells would be: of
+    a smooth complex Gaussian field the expected number of excursions above u times its mean power is
+
+    .. math:: E = \left[1 + \sqrt{\pi u/3}\,(m + n) + \tfrac{\pi}{3}(u - \tfrac12)\,m n\right] e^{-u}
+
+    over m by n cells (Worsley, *Local maxima and the expected Euler characteristic of excursion sets of chi-squared, F
+    and t fields*, Adv. Appl. Probab. 26 (1994) 13), and the chance of none is exp(-E) where that is rare.
 
     Parameters
     ----------
     peak : array_like, shape (...)
         Highest power over the mean noise power.
-    count : array_like, shape (...)
-        M, see `cells`.
+    delays, frequencies : array_like, shape (...)
+        m and n: width of the window along the two axes, in cells.
     """
-    peak = np.maximum(np.asarray(peak, dtype=float), 0.0)
-    with np.errstate(divide="ignore"):
-        return np.exp(np.asarray(count, dtype=float) * np.log1p(-np.exp(-peak)))
+    u = np.maximum(np.asarray(peak, dtype=float), 0.5)
+    m, n = np.asarray(delays, dtype=float), np.asarray(frequencies, dtype=float)
+    excursions = 1 + np.sqrt(np.pi * u / 3) * (m + n) + np.pi / 3 * (u - 0.5) * m * n
+    return np.exp(-excursions * np.exp(-u))

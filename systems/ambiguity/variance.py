@@ -2,13 +2,13 @@ r"""How good a TDOA and an FDOA from the cross-ambiguity function can be.
 
 Two channels hold :math:`a_i s + n_i`; S is the signal's power spectrum of unit area [1/Hz],
 :math:`\nu_i = n_i/a_i^2` the white noise density over the signal's power [1/Hz] and W = |G|^2 the weight of the
-prefilters. To first order in the noise the peak of \|A\| lies at the truth with
+prefilters. To first order in the noise the peak of |A| lies at the truth with
 
 .. math:: \sigma_\tau^2 = \frac{\int w^2 N W^2}{2T (\int w^2 S W)^2},\qquad
           \sigma_f^2 = \frac{\int N W^2}{2T T_e^2 (\int S W)^2},\qquad
           N = S(\nu_1 + \nu_2) + \nu_1\nu_2,\quad T_e = \pi T/\sqrt 3 ,
 
-integrals over frequency [Hz] and w = 2 pi f from the centre of S W: the slope of log\|A\| is the part of the weighted
+integrals over frequency [Hz] and w = 2 pi f from the centre of S W: the slope of log|A| is the part of the weighted
 cross-spectrum in quadrature, each of whose bins has half of the variance N W^2 T, and the curvature is in the
 denominator.
 For W = 1 that is the plain function; :math:`W = S/N` minimises it, which gives the bound. Stein (*Algorithms for

@@ -8,18 +8,18 @@ RATE, SYMBOLS, ROLL_OFF = 4e6, 2e6, 0.25
 CARRIER = 3e9
 
 
-def pulse(x, a=ROLL_OFF):
-    """Root-raised-cosine pulse at x symbols."""
-    x = np.asarray(x, dtype=float)
-    out = np.empty_like(x)
-    zero, pole = np.abs(x) < 1e-8, np.abs(np.abs(4 * a * x) - 1) < 1e-7
-    out[zero] = 1 + a * (4 / np.pi - 1)
-    out[pole] = a / np.sqrt(2) * ((1 + 2 / np.pi) * np.sin(np.pi / (4 * a)) + (1 - 2 / np.pi) * np.cos(np.pi / (4 * a)))
-    rest = ~(zero | pole)
-    y = x[rest]
-    out[rest] = (np.sin(np.pi * y * (1 - a)) + 4 * a * y * np.cos(np.pi * y * (1 + a))) / (
-        np.pi * y * (1 - (4 * a * y) ** 2)
-    )
+def pulses(d, k, a=ROLL_OFF):
+    """Root-raised-cosine pulse at d - k symbols, for d (n, 1) within half a symbol and integers k (m,)."""
+    x = d - k
+    low, high = np.pi * (1 - a), np.pi * (1 + a)
+    # sums of angles: two tables instead of a sine of every number
+    sine = np.sin(low * d) * np.cos(low * k) - np.cos(low * d) * np.sin(low * k)
+    cosine = np.cos(high * d) * np.cos(high * k) + np.sin(high * d) * np.sin(high * k)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        out = (sine + 4 * a * x * cosine) / (np.pi * x * (1 - (4 * a * x) ** 2))
+    out[np.abs(x) < 1e-8] = 1 + a * (4 / np.pi - 1)
+    at_pole = (1 + 2 / np.pi) * np.sin(np.pi / (4 * a)) + (1 - 2 / np.pi) * np.cos(np.pi / (4 * a))
+    out[np.abs(np.abs(4 * a * x) - 1) < 1e-7] = a / np.sqrt(2) * at_pole
     return out
 
 
@@ -29,33 +29,33 @@ def envelope(time, rng, reach=10):
     low = int(np.floor(place.min())) - reach
     symbols = rng.choice([1, 1j, -1, -1j], int(np.ceil(place.max())) + reach - low + 2)
     nearest = np.rint(place).astype(int)
-    out = np.zeros(time.size, dtype=complex)
-    for k in range(-reach, reach + 1):
-        out += symbols[nearest + k - low] * pulse(place - nearest - k)
+    k = np.arange(-reach, reach + 1)
+    out = np.empty(time.size, dtype=complex)
+    for part in np.array_split(np.arange(time.size), max(1, time.size // 4096)):
+        d = (place - nearest)[part, None]
+        out[part] = (symbols[nearest[part, None] + k - low] * pulses(d, k)).sum(axis=-1)
     return out
 
 
 def pair(
-    delay, frequency, size=65536, guard=0, rng=None, rate=RATE, noise=(0.0, 0.0), frequency_rate=0.0, carrier=CARRIER
+    delay, frequency, size=65536, guard=0, rng=None, rate=RATE, frequency_rate=0.0, carrier=CARRIER, auxiliary_rate=None
 ):
     """Main and auxiliary `IqBlock` whose TDOA and FDOA at mid block are `delay` and `frequency`, of motion alone.
 
-    The delay at the auxiliary receiver is D(t) = delay - frequency/carrier (t - mid) - frequency_rate/carrier
-    (t - mid)^2 / 2, with t the time at the main receiver.
+    What reaches the main receiver at t reaches the auxiliary one at t + D(t), where it has the frequency
+    carrier / (1 + D'(t)).
     """
     rng = rng or np.random.default_rng(0)
     middle = 0.5 * (size - 1) / rate
     t = np.arange(size) / rate
-    u = np.arange(-guard, size + guard) / rate  # at the auxiliary receiver
+    other = auxiliary_rate or rate
+    u = np.arange(-guard, int(size * other / rate) + guard) / other  # at the auxiliary receiver
+    rate_of_delay = 1 / (1 + frequency / carrier) - 1
     s = u.copy()  # what arrives there at u arrived at the main receiver at s = u - D(s)
     for _ in range(6):
         d = s - middle
-        s = u - (delay - frequency / carrier * d - 0.5 * frequency_rate / carrier * d * d)
+        s = u - (delay + rate_of_delay * d - 0.5 * frequency_rate / carrier * d * d)
     both = envelope(np.concatenate([t, s]), rng)
     turns = carrier * (u - s)
     y = both[size:] * np.exp(-2j * np.pi * (turns - np.rint(turns)))
-    blocks = []
-    for clean, sigma, start in ((both[:size], noise[0], 0.0), (y, noise[1], u[0])):
-        white = rng.standard_normal((clean.size, 2)) @ np.array([1, 1j]) * np.sqrt(0.5)
-        blocks.append(IqBlock(clean + sigma * white, rate, carrier, start))
-    return blocks
+    return [IqBlock(both[:size], rate, carrier, 0.0), IqBlock(y, other, carrier, u[0])]
