@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 __all__ = ["quantise"]
 
 
-def quantise(
-    samples: NDArray[np.complexfloating], bits: int, full_scale: float = 4.0
-) -> NDArray[np.complexfloating]:
+def quantise(samples: NDArray[np.complexfloating], bits: int, full_scale: float = 4.0) -> NDArray[np.complexfloating]:
     """Round I and Q to the middle of one of ``2**bits`` steps of equal width.
 
     Parameters

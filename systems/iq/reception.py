@@ -49,7 +49,7 @@ def with_acceleration(state: ArrayLike, acceleration: ArrayLike = 0.0, earth_rat
     Parameters
     ----------
     state : array_like, shape (..., 6)
-        Earth-fixed position [m] and velocity [m/s]; the inertial axes coincide with the Earth-fixed ones at its instant.
+        Earth-fixed position [m] and velocity [m/s]; at its instant the inertial axes coincide with these.
     acceleration : array_like, shape (..., 3) or ()
         In inertial axes [m/s^2].
     earth_rate : float

@@ -37,11 +37,11 @@ def pulse(x: ArrayLike, roll_off: float) -> Array:
     -------
     ndarray, shape (...)
     """
-    x = np.asarray(x, dtype=float)
+    place = np.asarray(x, dtype=float)
     a = roll_off
-    hole = 1 - (4 * a * x) ** 2
-    centre, edge = np.abs(x) < _SINGULAR, np.abs(hole) < _SINGULAR
-    safe_x, safe_hole = np.where(centre | edge, 1.0, x), np.where(centre | edge, 1.0, hole)
+    hole = 1 - (4 * a * place) ** 2
+    centre, edge = np.abs(place) < _SINGULAR, np.abs(hole) < _SINGULAR
+    safe_x, safe_hole = np.where(centre | edge, 1.0, place), np.where(centre | edge, 1.0, hole)
     value = (np.sin(np.pi * safe_x * (1 - a)) + 4 * a * safe_x * np.cos(np.pi * safe_x * (1 + a))) / (
         np.pi * safe_x * safe_hole
     )
@@ -55,12 +55,12 @@ def pulse(x: ArrayLike, roll_off: float) -> Array:
 
 def raised_cosine(x: ArrayLike, roll_off: float) -> Array:
     """Return the power spectrum of the pulse, shape (...), at frequencies `x` in symbol rates; its integral is 1."""
-    x = np.abs(np.asarray(x, dtype=float))
+    place = np.abs(np.asarray(x, dtype=float))
     flat = (1 - roll_off) / 2
     if roll_off == 0:
-        return np.where(x <= flat, 1.0, 0.0)
-    slope = 0.5 * (1 + np.cos(np.pi * np.clip((x - flat) / roll_off, 0.0, 1.0)))
-    return np.where(x >= (1 + roll_off) / 2, 0.0, slope)
+        return np.where(place <= flat, 1.0, 0.0)
+    slope = 0.5 * (1 + np.cos(np.pi * np.clip((place - flat) / roll_off, 0.0, 1.0)))
+    return np.where(place >= (1 + roll_off) / 2, 0.0, slope)
 
 
 def rms_width(roll_off: float) -> float:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
 from systems.clocks import Clock
-from systems.frames import EARTH_RATE, earth_fixed_to_inertial
+from systems.frames import EARTH_RATE
 from systems.iq.block import IqBlock
 from systems.iq.reception import delay_over, receive, straight, with_acceleration
 from systems.iq.waveform import Emission, positive_number
@@ -111,7 +111,7 @@ class Receiver(EnsembleBlock):
         self._gain, self._sigma = complex(gain), abs(gain) * 10 ** (-snr_db / 20)
         self._constants, self._mask = constants, mask
         self._earth_rate = earth_rate if constants is None else constants.earth_rate
-        self._offsets = (np.arange(self.size) - 0.5 * (self.size - 1)) / self.sample_rate
+        self._offsets: Array = (np.arange(self.size, dtype=np.float64) - 0.5 * (self.size - 1)) / self.sample_rate
         self.declare_input("target", target_trials, target_size)
         self.declare_input("platforms", platform_trials, 6 * platforms)
         self.declare_abstract_input("emission", Emission)
