@@ -1,0 +1,87 @@
+"""Measurements of several sensors as one, with one noise covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context
+
+from systems.signals import EnsembleBlock
+
+__all__ = ["JoinedMeasurements", "Part"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What one sensor contributes.
+
+    Parameters
+    ----------
+    rows : int
+        Number of its rows.
+    noise_covariance : array_like, shape (rows, rows), optional
+        Of its errors; None where it comes on a port.
+    """
+
+    rows: int
+    noise_covariance: ArrayLike | None = None
+
+
+class JoinedMeasurements(EnsembleBlock):
+    """Put the rows of several sensors, whose errors are independent, side by side.
+
+    Inputs: a port NAME for the measurement of each part, and ``NAME_noise_covariance`` where its covariance varies.
+    Outputs ``measurement`` and ``noise_covariance``, rows in the order of the parts.
+
+    Parameters
+    ----------
+    parts : mapping of str to Part
+        By the name of the port.
+    trials : int
+        Trials of the measurements.
+    name : str
+        Name of the block.
+    """
+
+    def __init__(self, parts: Mapping[str, Part], trials: int, name: str = "measurements") -> None:
+        super().__init__(name)
+        if not parts:
+            raise ValueError(f"{name}: no measurement is given; at least one is needed")
+        self._parts, self._trials = dict(parts), trials
+        self._fixed: dict[str, Array] = {}
+        size = sum(part.rows for part in parts.values())
+        measured, noisy = [], []
+        for port, part in parts.items():
+            self.declare_input(port, trials, part.rows)
+            measured.append(self.input_ticket(port))
+            if part.noise_covariance is None:
+                self.declare_input(f"{port}_noise_covariance", trials, part.rows**2)
+                noisy.append(self.input_ticket(f"{port}_noise_covariance"))
+                continue
+            fixed = np.array(part.noise_covariance, dtype=float)
+            if fixed.shape != (part.rows, part.rows):
+                raise ValueError(f"{port} noise_covariance: shape {fixed.shape} is not allowed; {(part.rows,) * 2}")
+            self._fixed[port] = fixed
+        self.declare_output("measurement", trials, size, self._measurement, measured)
+        self.declare_output("noise_covariance", trials, size**2, self._noise, noisy or [self.nothing_ticket()])
+
+    def _measurement(self, context: Context) -> Array:
+        return np.concatenate([self.read(context, port) for port in self._parts], axis=-1)
+
+    def _noise(self, context: Context) -> Array:
+        size = sum(part.rows for part in self._parts.values())
+        out = np.zeros((self._trials, size, size))
+        first = 0
+        for port, part in self._parts.items():
+            end = first + part.rows
+            own = self._fixed.get(port)
+            if own is None:
+                own = self.read(context, f"{port}_noise_covariance").reshape(-1, part.rows, part.rows)
+            out[:, first:end, first:end] = own
+            first = end
+        return out
