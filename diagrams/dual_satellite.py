@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from diagrams import formation
+from diagrams.dual_signal import Drawn, Signal, SignalChain, add_signal_chain, predicted_sigmas
 from diagrams.errors import UserError
 from diagrams.formation import (
     Constants,
@@ -139,6 +140,10 @@ class Scenario:
         factory=list,
     )
     truth: Truth = documented("what is the case", factory=Truth)
+    sensing: Drawn | Signal = documented(
+        "!Drawn: TDOA and FDOA are drawn with the errors that truth states; !Signal: they come from I/Q samples",
+        factory=Drawn,
+    )
     belief: Belief = documented("what the estimators believe", factory=Belief)
     estimators: dict[str, EstimatorChoice] = documented("the estimators side by side", factory=dict)
 
@@ -178,7 +183,10 @@ def models(scenario: Scenario, believed: bool) -> dict[str, MeasurementModel]:
     Keys ``direction``, ``tdoa``, ``fdoa``.
     """
     truth, belief = scenario.truth, scenario.belief
-    sigma_tdoa, sigma_fdoa = delay_doppler_sigmas(truth)
+    signal = scenario.sensing
+    sigma_tdoa, sigma_fdoa = (
+        predicted_sigmas(signal) if isinstance(signal, Signal) else delay_doppler_sigmas(truth)
+    )
 
     def chosen(field: str) -> Any:
         value = getattr(belief, field) if believed else None
@@ -244,8 +252,58 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     emitter, truth_motion = add_emitter(builder, scenario.truth.motion, start_state, clock, trials)
     truth = emitter.GetOutputPort("state")
 
-    measured = _add_sensor(builder, scenario, clock, trials, truth, platforms)
-    return _add_estimators(builder, scenario, estimators, clock, trials, truth, truth_motion, platforms, measured)
+    chain = None
+    if isinstance(scenario.sensing, Signal):
+        measured, chain = _add_signal(builder, scenario, scenario.sensing, orbit, clock, trials, truth)
+    else:
+        measured = _add_sensor(builder, scenario, clock, trials, truth, platforms)
+    wired = _add_estimators(builder, scenario, estimators, clock, trials, truth, truth_motion, platforms, measured)
+    if chain is not None and chain.feedback:
+        first = wired.estimators[estimators[0]]
+        for port in ("prediction", "prediction_covariance"):
+            builder.Connect(first.GetOutputPort(port), chain.window.GetInputPort(port))
+        wired.dashed = [*wired.dashed, (first.get_name(), chain.window.get_name())]
+    return wired
+
+
+def _add_signal(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    signal: Signal,
+    orbit: DenseOrbit,
+    clock: Periodic,
+    trials: int,
+    truth: OutputPort,
+) -> tuple[Measured, SignalChain]:
+    """Add direction finding and all that the cross-ambiguity function needs."""
+    real, believed = (models(scenario, believed) for believed in (False, True))
+    finder = _sensor(
+        builder,
+        scenario,
+        real["direction"],
+        clock,
+        trials,
+        truth,
+        orbit.GetOutputPort("state"),
+        "direction_finding",
+    )
+    direction, tdoa, fdoa = (believed[kind] for kind in _KINDS)
+    assert isinstance(direction, BodyDirection) and isinstance(tdoa, Tdoa) and isinstance(fdoa, Fdoa)
+    chain = add_signal_chain(
+        builder,
+        signal,
+        (direction, finder.GetOutputPort("measurement")),
+        (tdoa, fdoa),
+        orbit,
+        scenario.duration_s,
+        clock,
+        trials,
+        truth,
+        ElevationMask(math.radians(scenario.truth.minimum_elevation_deg), "target"),
+    )
+    rows = [row for kind in _KINDS for row in believed[kind].names]
+    signals = {"quality": chain.quality, "differences_covariance": chain.differences_covariance}
+    return Measured(chain.measurement, rows, chain.noise_covariance, signals), chain
 
 
 def _add_sensor(
