@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from diagrams import formation
-from diagrams.dual_signal import Drawn, Signal, SignalChain, add_signal_chain, predicted_sigmas
+from diagrams.dual_signal import Drawn, Signal, SignalChain, add_signal_chain, predicted_sigmas, waveform_of
 from diagrams.errors import UserError
 from diagrams.formation import (
     Constants,
@@ -30,6 +30,7 @@ from diagrams.formation import (
     add_emitter,
 )
 from diagrams.system import System, Wired
+from systems.ambiguity.limits import check_duration
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
 from systems.estimators.base import Estimator, Wiring
@@ -37,7 +38,7 @@ from systems.estimators.direction_start import DirectionStart
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.particle import ParticleEstimator
 from systems.estimators.prior_position_start import PriorPositionStart
-from systems.frames import geodetic_state
+from systems.frames import geodetic_state, inertial_to_earth_fixed
 from systems.measurement.altitude import Altitude
 from systems.measurement.base import MeasurementModel
 from systems.measurement.direction import BodyDirection, Direction, DirectionCosines
@@ -184,9 +185,7 @@ def models(scenario: Scenario, believed: bool) -> dict[str, MeasurementModel]:
     """
     truth, belief = scenario.truth, scenario.belief
     signal = scenario.sensing
-    sigma_tdoa, sigma_fdoa = (
-        predicted_sigmas(signal) if isinstance(signal, Signal) else delay_doppler_sigmas(truth)
-    )
+    sigma_tdoa, sigma_fdoa = predicted_sigmas(signal) if isinstance(signal, Signal) else delay_doppler_sigmas(truth)
 
     def chosen(field: str) -> Any:
         value = getattr(belief, field) if believed else None
@@ -258,7 +257,10 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     else:
         measured = _add_sensor(builder, scenario, clock, trials, truth, platforms)
     wired = _add_estimators(builder, scenario, estimators, clock, trials, truth, truth_motion, platforms, measured)
-    if chain is not None and chain.feedback:
+    if chain is None:
+        return wired
+    wired.widest = chain.widest
+    if chain.feedback:
         first = wired.estimators[estimators[0]]
         for port in ("prediction", "prediction_covariance"):
             builder.Connect(first.GetOutputPort(port), chain.window.GetInputPort(port))
@@ -301,6 +303,7 @@ def _add_signal(
         truth,
         ElevationMask(math.radians(scenario.truth.minimum_elevation_deg), "target"),
     )
+    _check_duration(scenario, signal, fdoa, orbit)
     rows = [row for kind in _KINDS for row in believed[kind].names]
     signals = {"quality": chain.quality, "differences_covariance": chain.differences_covariance}
     return Measured(chain.measurement, rows, chain.noise_covariance, signals), chain
@@ -412,6 +415,22 @@ def _add_estimators(
         start_uses_measurement=start.uses_measurement,
         signals=signals,
     )
+
+
+def _check_duration(scenario: Scenario, signal: Signal, fdoa: Fdoa, orbit: DenseOrbit) -> None:
+    """Refuse an integration that the motion smears; the block itself checks what its windows tell of."""
+    step, ends = 0.5, np.linspace(0.0, scenario.duration_s, 7)[:, None]
+    times = np.clip(ends + np.array([-step, step]), 0.0, scenario.duration_s)
+    platforms = inertial_to_earth_fixed(orbit.at(times), times[..., None], scenario.constants.earth_rate_radps)
+    start = target_state(scenario)
+    moving = start + times[..., None] * np.concatenate([start[3:], np.zeros(3)])
+    frequency = fdoa.predict(moving, platforms)[..., 0]
+    rate = np.diff(frequency, axis=-1)[:, 0] / np.diff(times, axis=-1)[:, 0]
+    band = min(waveform_of(signal).bandwidth, signal.sample_rate_mhz * 1e6)
+    try:
+        check_duration(signal.samples / signal.sample_rate_mhz / 1e6, frequency / fdoa.carrier, rate, band)
+    except ValueError as error:
+        raise UserError(f"sensing.samples: {signal.samples} is not allowed; {error}") from error
 
 
 def _check_visible(scenario: Scenario, orbit: DenseOrbit, target: Array) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from diagrams.errors import UserError
 from systems.ambiguity.estimate import CrossAmbiguity
 from systems.ambiguity.prefilter import Everything, Matched, Prefilter
 from systems.ambiguity.variance import exact
@@ -48,6 +49,8 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+_SAMPLES_AT_ONCE = 2e6  # of one receiver in all trials: noise, sums and copies are some 200 bytes for each
 
 
 @dataclass
@@ -100,7 +103,9 @@ class Signal:
     link_delay_us: float = number("delay of the link, known to the main satellite [us]", 334.0)
     link_delay_error_ns: float = number("part of it that is not known: an error of the TDOA [ns]", 0.0)
     prefilter: str = choice(
-        "matched: both channels pass a filter matched to the waveform; none: they do not", "matched", ("matched", "none")
+        "matched: both channels pass a filter matched to the waveform; none: they do not",
+        "matched",
+        ("matched", "none"),
     )
     window: str = choice(
         "where the peak is sought. prediction: about the first estimator's prediction, and where there is none yet as "
@@ -141,6 +146,8 @@ class SignalChain:
         See `QUALITY`.
     differences_covariance : OutputPort
         What the cross-ambiguity function says of its own errors.
+    widest : int
+        Most trials at once, for the memory that samples take.
     """
 
     measurement: OutputPort
@@ -149,6 +156,7 @@ class SignalChain:
     feedback: bool
     quality: OutputPort
     differences_covariance: OutputPort
+    widest: int
 
 
 def waveform_of(signal: Signal) -> Waveform:
@@ -226,11 +234,22 @@ def add_signal_chain(
         Who sees whom.
     """
     tdoa, fdoa = differences
+    waveform = waveform_of(signal)
+    if signal.sample_rate_mhz * 1e6 < waveform.bandwidth:
+        raise UserError(
+            f"sensing.sample_rate_mhz: {signal.sample_rate_mhz:g} is not allowed; at least the waveform's band, "
+            f"{waveform.bandwidth / 1e6:g} MHz"
+        )
+    if signal.window_largest_hz is not None and signal.window_largest_hz < signal.window_least_hz:
+        raise UserError(
+            f"sensing.window_largest_hz: {signal.window_largest_hz:g} is not allowed; at least window_least_hz, "
+            f"{signal.window_least_hz:g}"
+        )
     platforms = orbit.GetOutputPort("state")
     truth_trials, truth_size = truth.get_system().output_size(truth.get_name())
     rate = signal.sample_rate_mhz * 1e6
     longest = _longest_baseline(orbit, duration, orbit.constants.earth_rate) / SPEED_OF_LIGHT
-    transmitter = builder.AddSystem(Transmitter(waveform_of(signal), fdoa.carrier))
+    transmitter = builder.AddSystem(Transmitter(waveform, fdoa.carrier))
     receivers = []
     for platform, (name, snr, gain) in enumerate(
         (
@@ -300,9 +319,7 @@ def add_signal_chain(
     )
     builder.Connect(measured, joined.GetInputPort("direction"))
     builder.Connect(ambiguity.GetOutputPort("measurement"), joined.GetInputPort("differences"))
-    builder.Connect(
-        ambiguity.GetOutputPort("noise_covariance"), joined.GetInputPort("differences_noise_covariance")
-    )
+    builder.Connect(ambiguity.GetOutputPort("noise_covariance"), joined.GetInputPort("differences_noise_covariance"))
     return SignalChain(
         joined.GetOutputPort("measurement"),
         joined.GetOutputPort("noise_covariance"),
@@ -310,4 +327,5 @@ def add_signal_chain(
         feedback,
         ambiguity.GetOutputPort("quality"),
         ambiguity.GetOutputPort("noise_covariance"),
+        max(1, int(_SAMPLES_AT_ONCE / signal.samples)),
     )

@@ -79,9 +79,7 @@ def direction_belief(
     able = np.isfinite(place).all(axis=-1)
     if able.any():
         carriers = np.broadcast_to(platforms, (*measured.shape[:-1], *platforms.shape[-2:]))[able]
-        rows = np.concatenate(
-            [model.jacobian(mean[able], carriers)[..., :3], up(place[able])[..., None, :]], axis=-2
-        )
+        rows = np.concatenate([model.jacobian(mean[able], carriers)[..., :3], up(place[able])[..., None, :]], axis=-2)
         noise = np.zeros((3, 3))
         noise[:2, :2], noise[2, 2] = model.noise_covariance(), sigma_height**2
         inverse = np.linalg.inv(rows)
