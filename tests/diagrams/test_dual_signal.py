@@ -39,16 +39,12 @@ def errors(result, **settings):
 
     Exact is what the models say of one wave front; gravity between the two arrivals is not in them, 0.01 Hz.
     """
-    scenario = load_scenario(
-        "dual_satellite", result.attrs["variant"], settings=[f"{k}={v}" for k, v in settings.items()]
-    )
-    believed = models(scenario, believed=True)
-    exact = [
-        believed[kind].predict(result["truth"].values, result["platforms"].values)[..., 0] for kind in ("tdoa", "fdoa")
-    ]
-    error = result["measurement"].values[..., 2:] - np.stack(exact, axis=-1)
+    changes = [f"{key}={value}" for key, value in settings.items()]
+    believed = models(load_scenario("dual_satellite", result.attrs["variant"], settings=changes), believed=True)
+    truth, platforms = result["truth"].values, result["platforms"].values
+    exact = np.stack([believed[kind].predict(truth, platforms)[..., 0] for kind in ("tdoa", "fdoa")], axis=-1)
     variance = result["differences_covariance"].values[..., [0, 3]]
-    return error, np.sqrt(variance)
+    return result["measurement"].values[..., 2:] - exact, np.sqrt(variance)
 
 
 # ------------------------------------------------------------------------------------------ fast: is it all there
@@ -110,9 +106,10 @@ def test_without_noise_nothing_is_left_but_the_signals_own():
     strong = {"sensing.snr_main_db": 90.0, "sensing.snr_auxiliary_db": 90.0, "sensing.link_bits": 0}
     result = study("signal", 1, duration_s=4.0, sensing__prefilter="none", **strong)
     error, _ = errors(result, **strong)
-    # what is compared are two cuts of one signal: 0.13 ns is what their ends leave; gravity, see `errors`: 0.01 Hz
+    # what is compared are two cuts of one signal: their ends leave a tenth of a nanosecond. The common Doppler shift,
+    # 40 kHz, times the drift of the delay is 0.05 Hz; gravity, see `errors`, 0.01 Hz.
     assert np.abs(error[..., 0]).max() < 0.3e-9
-    assert np.abs(error[..., 1]).max() < 0.02
+    assert np.abs(error[..., 1]).max() < 0.07
 
 
 def test_what_is_not_known_of_the_link_is_an_error_of_the_delay():
@@ -182,17 +179,19 @@ def test_pulses_need_a_window_from_the_prediction():
 # ------------------------------------------------------------------------------------------ below the threshold
 
 
-def _outliers(result):
-    error, sigma = errors(result)
-    return (np.abs(error / sigma) > 6).any(axis=-1)
+def _outliers(result, settings):
+    error, sigma = errors(result, **settings)
+    return int((np.abs(error / sigma) > 6).any(axis=-1).sum())
 
 
 def test_the_gate_takes_outliers_out():
-    run = {"duration_s": 14.0, "seed": 1}
-    open_, closed = (study("low_snr", 4, **run, **{"sensing.gate": gate}) for gate in (False, True))
+    """A quarter of the samples at 3 dB more leaves the peak as high over the noise, and is faster."""
+    quarter = {"sensing.samples": 16384, "sensing.snr_main_db": -17.0, "sensing.snr_auxiliary_db": -17.0}
+    runs = {gate: study("low_snr", 6, duration_s=14.0, **quarter, **{"sensing.gate": gate}) for gate in (False, True)}
+    open_, closed = runs[False], runs[True]
     passed = np.isfinite(closed["measurement"].values[..., 2])
-    assert _outliers(open_).sum() >= 5  # of 32
-    assert _outliers(closed).sum() == 0  # one in 10,000 windows is expected
+    assert _outliers(open_, quarter) >= 5  # of 48
+    assert _outliers(closed, quarter) == 0  # one in 10,000 windows is expected
     assert 0.02 < passed.mean() < 0.8
     # direction finding goes on, and a gated row is missing for the bounds too
     assert np.isfinite(closed["measurement"].values[..., :2]).all()
@@ -206,10 +205,8 @@ def test_the_gate_takes_outliers_out():
 def test_below_the_threshold_the_gate_saves_the_track():
     """12 trials, 150 s. The survivors of the gate are the strong ones: their predicted errors are a bit small."""
     closed, open_ = (study("low_snr", 12, **{"sensing.gate": gate}) for gate in (True, False))
-    rmse = [
-        np.sqrt((np.square((r["estimate"] - r["truth"]).values[0, :, -1, :3]).sum(axis=-1)).mean())
-        for r in (closed, open_)
-    ]
+    squares = [np.square((run["estimate"] - run["truth"]).values[0, :, -1, :3]).sum(axis=-1) for run in (closed, open_)]
+    rmse = [np.sqrt(square.mean()) for square in squares]
     assert rmse[0] < 1.5 * float(closed["bound_position"][0, -1])
     assert rmse[1] > 20e3
     assert 2.5 < float(closed["nees"].values[0, :, -1].mean()) < 12.0  # 72 degrees of freedom, and the above
