@@ -238,8 +238,10 @@ class ParticleEstimator(Estimator):
             else:
                 moving = motion
             particles[group] = moving.propagate(cloud.particles[group].swapaxes(1, 2), dt).swapaxes(1, 2)
-            # a trial that has not started or is lost has no process noise to speak of
+            # what the noise of a trial is that has not started or is lost does not matter
             noise = own.process_noise(np.where(np.isfinite(here), here, 1.0), dt)
+            if not np.isfinite(noise.sum()):
+                noise = np.where(np.isfinite(noise).all(axis=(-1, -2), keepdims=True), noise, 0.0)
             if noise.any():
                 root = _noise_root(noise.tobytes(), noise.shape)
                 particles[group] += root @ draws.normal("motion", index, (root.shape[-1], self.particles))
