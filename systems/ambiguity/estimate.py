@@ -41,6 +41,7 @@ _MUCH = 2.0  # a repetition of a periodic signal beside the window is as high as
 _SIDELOBE = 2.0  # curvature of a side lobe of sinc is three times that of the main one
 _SAMPLES_AT_ONCE = 1 << 17  # per channel: what a cache holds
 _NOISE_SHIFTS = (-11, -5, 7, 13)  # bins; any few that are not the signal's own frequency difference
+_LEAST = 1e-3
 _TIME_SPREAD = math.pi / math.sqrt(3.0)
 
 
@@ -463,12 +464,13 @@ class _Work:
         result.coherence[part] = np.sqrt(np.minimum(power / np.maximum(both, np.finfo(float).tiny), 1.0))
         result.flag[part] = flag | np.where(sure < self.settings.confidence, Flag.BELOW_THRESHOLD, 0)
 
-        signal = np.maximum(power - 2 * fine.quadrature, np.finfo(float).tiny)
+        # a peak of nothing but noise has no variance; it gets a large one
+        signal = np.maximum(power - 2 * fine.quadrature, _LEAST * power)
         known = self.moments.bandwidth_squared
         lever = np.maximum(fine.lever, np.finfo(float).tiny) if known is None else known / rate**2
         result.variance[part, 0] = fine.spread / (signal * np.square(lever) * rate**2)
         result.variance[part, 1] = fine.quadrature / (signal * np.square(_TIME_SPREAD * duration))
-        twice = 2 * np.maximum(rho, np.finfo(float).tiny)
+        twice = 2 * np.maximum(rho, _LEAST)
         result.stein[part, 0] = 1 / (twice * lever * rate**2)
         result.stein[part, 1] = 1 / (twice * np.square(_TIME_SPREAD * duration))
 
