@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.estimators.base import Epoch, Estimator, Innovation, Memory, Wiring
+from systems.estimators.base import Belief, Epoch, Estimator, Innovation, Memory, Wiring
 from systems.estimators.start import CloudStart, Start
 from systems.filters.gaussian import take
 from systems.filters.linear_algebra import semidefinite_root
@@ -96,12 +96,12 @@ class ParticleEstimator(Estimator):
         self.update, self.particles, self.window, self.restart = update, particles, window, restart
         self._whitener = Whitener(model.noise_covariance())
         super().__init__(name, model, motion, start, wiring)
-        after = {self.cached_ticket(self._posterior)}
+        after = {self.posterior_ticket}
         for i, port in enumerate(_PORTS):
             self.declare_output(port, wiring.trials, 1, partial(self._health, i), after)
 
     def _health(self, column: int, context: Context) -> Array:
-        return self.cached(context, self._posterior)[0]["health"][:, column]
+        return self.posterior_memory(context)["health"][:, column]
 
     def health_ports(self) -> Sequence[str]:
         """Return the names of the ports that tell how the cloud is."""
@@ -109,7 +109,7 @@ class ParticleEstimator(Estimator):
 
     def cloud(self, context: Context) -> Cloud:
         """Return the clouds after the measurement of now: particles (trials, n, N), log weights and ancestors."""
-        return self._cloud(self.cached(context, self._posterior)[0])
+        return self._cloud(self.posterior_memory(context))
 
     # ---- memory
 
@@ -341,17 +341,19 @@ class ParticleEstimator(Estimator):
 
     # ---- beginning again
 
-    def _calc_posterior(self, context: Context) -> tuple[Memory, Innovation, Mask]:
-        memory, innovation, started = super()._calc_posterior(context)
+    def _calc_posterior(self, context: Context) -> Belief:
+        belief = super()._calc_posterior(context)
+        memory, innovation, started = belief.memory, belief.innovation, belief.started
         if "mean" not in memory:
             mean, covariance = self.moments(memory)
             memory = {**memory, "mean": mean, "covariance": covariance.reshape(len(mean), -1)}
+            belief = Belief(memory, innovation, started, True)
         again = self.start.again
         if not self.restart or again is None:
-            return memory, innovation, started
+            return belief
         lost = memory["health"][:, 3] < LEAST_EVIDENCE
         if not lost.any():
-            return memory, innovation, started
+            return belief
         inputs = {port: self.read(context, port) for port in self.start.inputs}
         stream, platforms, epoch = (
             self.read(context, "measurement"),
@@ -365,4 +367,5 @@ class ParticleEstimator(Estimator):
             begun, able = self.begin(mean, covariance, epoch), np.all(np.isfinite(mean), axis=-1)
         lost &= able & (innovation.nis_dof > 0)
         begun["health"][:, 6] = memory["health"][:, 6] + 1
-        return {group: np.where(lost[:, None], begun[group], memory[group]) for group in memory}, innovation, started
+        memory = {group: np.where(lost[:, None], begun[group], memory[group]) for group in memory}
+        return Belief(memory, innovation, started, True)
