@@ -66,6 +66,10 @@ def test_the_diagram_shows_the_units_of_the_patent():
     }
     assert wired.dashed == [("iekf", "search_window")]
     assert wired.widest == 30
+    # what is on the main satellite and no sensor knows the emitter by its signal only
+    for (target, _), (source, _) in diagram.connection_map().items():
+        if target.get_name() in ("search_window", "cross_ambiguity", "measurements", "inter_satellite_link"):
+            assert source.get_name() not in ("emitter", "transmitter")
 
 
 @lru_cache
