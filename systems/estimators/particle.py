@@ -226,13 +226,14 @@ class ParticleEstimator(Estimator):
         for group in self._groups_of_trials():
             index, here, own = np.arange(group.start, group.stop), memory["mean"][group], motion
             if motion.input_size:
-                own = motion.driven(carried["motion_input"][group])
-                moving = motion.driven(carried["motion_input"][group, None])
+                held = carried["motion_input"][group]
+                own = motion.driven(np.where(np.isfinite(held), held, 0.0))
+                moving = motion.driven(held[:, None])
             else:
                 moving = motion
             moved = np.moveaxis(moving.propagate(np.moveaxis(cloud.particles[group], 1, -1), dt), -1, 1)
             particles[group] = moved
-            # a trial that has not started or is lost has no process noise to speak of
+            # a trial that has not started or is lost has no process noise to speak of, and no input either
             noise = own.process_noise(np.where(np.isfinite(here), here, 1.0), dt)
             if noise.any():
                 root = semidefinite_root(noise)
