@@ -244,11 +244,11 @@ def sweep(
 def replay(
     dataset: Annotated[str, typer.Argument(metavar="DATASET", help="Which recording; see `quietfix list`.")],
     file: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Argument(
-            metavar="[FILE]",
+            metavar="[FILE]...",
             help="For `bearings`: a CSV file with columns time_s, x_m and y_m (or latitude_deg and longitude_deg), "
-            "bearing_deg clockwise from north, sigma_deg (may be empty).",
+            "bearing_deg clockwise from north, sigma_deg (may be empty). For `iq`: two or more SigMF recordings.",
             show_default=False,
         ),
     ] = None,
@@ -258,11 +258,19 @@ def replay(
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write summary and figures here.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="For `iq`: change a setting (integration_s, half_delay_us, half_frequency_hz, low_hz, high_hz ...).",
+        ),
+    ] = None,
 ) -> None:
     """Run estimator blocks on recorded measurements."""
     from diagrams.running import replay_command
 
-    replay_command(dataset, data, out, overwrite, file)
+    replay_command(dataset, data, out, overwrite, file, settings)
 
 
 @app.command()

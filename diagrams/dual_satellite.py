@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from diagrams import formation
+from diagrams.dual_signal import Drawn, Signal, SignalChain, add_signal_chain, predicted_sigmas, waveform_of
 from diagrams.errors import UserError
 from diagrams.formation import (
     Constants,
@@ -30,6 +31,8 @@ from diagrams.formation import (
 )
 from diagrams.sensor_errors import Place, Seat, SensorErrors, known_platforms, spoil
 from diagrams.system import System, Wired
+from systems.ambiguity.limits import check_duration
+from systems.ambiguity.variance import effective_snr, stein
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
 from systems.estimators.base import Estimator, Wiring
@@ -37,7 +40,7 @@ from systems.estimators.direction_start import DirectionStart
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.particle import ParticleEstimator
 from systems.estimators.prior_position_start import PriorPositionStart
-from systems.frames import geodetic_state
+from systems.frames import geodetic_state, inertial_to_earth_fixed
 from systems.measurement.altitude import Altitude
 from systems.measurement.base import MeasurementModel
 from systems.measurement.body_frame import body_frame
@@ -142,6 +145,10 @@ class Scenario:
         factory=list,
     )
     truth: Truth = documented("what is the case", factory=Truth)
+    sensing: Drawn | Signal = documented(
+        "!Drawn: TDOA and FDOA are drawn with the errors that truth states; !Signal: they come from I/Q samples",
+        factory=Drawn,
+    )
     belief: Belief = documented("what the estimators believe", factory=Belief)
     estimators: dict[str, EstimatorChoice] = documented("the estimators side by side", factory=dict)
 
@@ -157,22 +164,14 @@ def target_state(scenario: Scenario) -> Array:
 
 
 def delay_doppler_sigmas(truth: Truth) -> tuple[float, float]:
-    r"""Return the standard deviations of TDOA [s] and FDOA [Hz] of the truth.
-
-    .. math:: \sigma_\tau = \frac{1}{\beta\sqrt{B T\gamma}}, \qquad \sigma_f = \frac{1}{T_e\sqrt{B T\gamma}}, \qquad
-              \gamma = \frac{2\gamma_0\gamma_1}{1 + \gamma_0 + \gamma_1}, \quad T_e = \frac{\pi T}{\sqrt 3}
-
-    with :math:`\beta = 2\pi` times the rms bandwidth: Stein, *Algorithms for ambiguity function processing*, IEEE
-    Trans. Acoustics, Speech and Signal Processing 29 (1981) 588-599.
-    """
+    """Return the standard deviations of TDOA [s] and FDOA [Hz] of the truth: stated, or by Stein's formulae."""
     if truth.differences == "stated":
         return truth.sigma_tdoa_ns * 1e-9, truth.sigma_fdoa_hz
-    main, auxiliary = 10 ** (truth.snr_main_db / 10), 10 ** (truth.snr_auxiliary_db / 10)
-    gamma = 2 * main * auxiliary / (1 + main + auxiliary)
     time = truth.integration_ms * 1e-3
-    output = math.sqrt(truth.noise_bandwidth_mhz * 1e6 * time * gamma)
-    beta, effective = 2 * math.pi * truth.rms_bandwidth_mhz * 1e6, math.pi * time / math.sqrt(3)
-    return 1 / (beta * output), 1 / (effective * output)
+    gamma = effective_snr(10 ** (truth.snr_main_db / 10), 10 ** (truth.snr_auxiliary_db / 10))
+    beta = 2 * math.pi * truth.rms_bandwidth_mhz * 1e6
+    sigmas = stein(truth.noise_bandwidth_mhz * 1e6 * time, gamma, beta, time)
+    return float(sigmas.delay), float(sigmas.frequency)
 
 
 def models(scenario: Scenario, believed: bool) -> dict[str, MeasurementModel]:
@@ -181,7 +180,8 @@ def models(scenario: Scenario, believed: bool) -> dict[str, MeasurementModel]:
     Keys ``direction``, ``tdoa``, ``fdoa``.
     """
     truth, belief = scenario.truth, scenario.belief
-    sigma_tdoa, sigma_fdoa = delay_doppler_sigmas(truth)
+    signal = scenario.sensing
+    sigma_tdoa, sigma_fdoa = predicted_sigmas(signal) if isinstance(signal, Signal) else delay_doppler_sigmas(truth)
 
     def chosen(field: str) -> Any:
         value = getattr(belief, field) if believed else None
@@ -247,8 +247,62 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     emitter, truth_motion = add_emitter(builder, scenario.truth.motion, start_state, clock, trials)
     truth = emitter.GetOutputPort("state")
 
-    measured = _add_sensor(builder, scenario, clock, trials, truth, platforms)
-    return _add_estimators(builder, scenario, estimators, clock, trials, truth, truth_motion, platforms, measured)
+    chain = None
+    if isinstance(scenario.sensing, Signal):
+        measured, chain = _add_signal(builder, scenario, scenario.sensing, orbit, clock, trials, truth)
+    else:
+        measured = _add_sensor(builder, scenario, clock, trials, truth, platforms)
+    wired = _add_estimators(builder, scenario, estimators, clock, trials, truth, truth_motion, platforms, measured)
+    if chain is None:
+        return wired
+    wired.widest = chain.widest
+    if chain.feedback:
+        first = wired.estimators[estimators[0]]
+        for port in ("prediction", "prediction_covariance"):
+            builder.Connect(first.GetOutputPort(port), chain.window.GetInputPort(port))
+        wired.dashed = [*wired.dashed, (first.get_name(), chain.window.get_name())]
+    return wired
+
+
+def _add_signal(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    signal: Signal,
+    orbit: DenseOrbit,
+    clock: Periodic,
+    trials: int,
+    truth: OutputPort,
+) -> tuple[Measured, SignalChain]:
+    """Add direction finding and all that the cross-ambiguity function needs."""
+    real, believed = (models(scenario, believed) for believed in (False, True))
+    finder = _sensor(
+        builder,
+        scenario,
+        real["direction"],
+        clock,
+        trials,
+        truth,
+        orbit.GetOutputPort("state"),
+        "direction_finding",
+    )
+    direction, tdoa, fdoa = (believed[kind] for kind in _KINDS)
+    assert isinstance(direction, BodyDirection) and isinstance(tdoa, Tdoa) and isinstance(fdoa, Fdoa)
+    chain = add_signal_chain(
+        builder,
+        signal,
+        (direction, finder.GetOutputPort("measurement")),
+        (tdoa, fdoa),
+        orbit,
+        scenario.duration_s,
+        clock,
+        trials,
+        truth,
+        ElevationMask(math.radians(scenario.truth.minimum_elevation_deg), "target"),
+    )
+    _check_duration(scenario, signal, fdoa, orbit)
+    rows = [row for kind in _KINDS for row in believed[kind].names]
+    signals = {"quality": chain.quality, "differences_covariance": chain.differences_covariance}
+    return Measured(chain.measurement, rows, chain.noise_covariance, signals), chain
 
 
 def _add_sensor(
@@ -370,6 +424,22 @@ def _add_estimators(
         start_uses_measurement=start.uses_measurement,
         signals=signals,
     )
+
+
+def _check_duration(scenario: Scenario, signal: Signal, fdoa: Fdoa, orbit: DenseOrbit) -> None:
+    """Refuse an integration that the motion smears; the block itself checks what its windows tell of."""
+    step, ends = 0.5, np.linspace(0.0, scenario.duration_s, 7)[:, None]
+    times = np.clip(ends + np.array([-step, step]), 0.0, scenario.duration_s)
+    platforms = inertial_to_earth_fixed(orbit.at(times), times[..., None], scenario.constants.earth_rate_radps)
+    start = target_state(scenario)
+    moving = start + times[..., None] * np.concatenate([start[3:], np.zeros(3)])
+    frequency = fdoa.predict(moving, platforms)[..., 0]
+    rate = np.diff(frequency, axis=-1)[:, 0] / np.diff(times, axis=-1)[:, 0]
+    band = min(waveform_of(signal).bandwidth, signal.sample_rate_mhz * 1e6)
+    try:
+        check_duration(signal.samples / signal.sample_rate_mhz / 1e6, frequency / fdoa.carrier, rate, band)
+    except ValueError as error:
+        raise UserError(f"sensing.samples: {signal.samples} is not allowed; {error}") from error
 
 
 def _check_visible(scenario: Scenario, orbit: DenseOrbit, target: Array) -> None:

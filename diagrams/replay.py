@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -23,6 +23,7 @@ REPLAYS: dict[str, str] = {
     "bearings": "diagrams.bearings:DATASET",
     "doptrack": "diagrams.doptrack:DATASET",
     "kiwisdr": "diagrams.kiwisdr:DATASET",
+    "iq": "diagrams.iq_replay:DATASET",
 }
 """Where each data set's `Dataset` is, as ``module:NAME``; a new replay is one line here."""
 
@@ -71,13 +72,19 @@ class Dataset:
         ``run(folder, progress) -> Replay``; `progress` shows a bar where that is wanted.
     takes_file : bool
         True: a file of the user's own is replayed, and `run` gets it instead of a folder.
+    least_files : int
+        More than 1: so many files are needed, and `run` gets a list of them.
+    settings : type, optional
+        A dataclass whose fields ``--set`` changes; `run` then gets one of it as a third argument.
     """
 
     name: str
     folder: str
     source: str
-    run: Callable[[Path, bool], Replay]
+    run: Callable[..., Replay]
     takes_file: bool = False
+    least_files: int = 1
+    settings: type[Any] | None = None
 
 
 def data_folder(dataset: Kept, data: Path | str | None) -> Path:
@@ -114,7 +121,8 @@ def replay(
     data: Path | str | None = None,
     out: Path | str | None = None,
     progress: bool = True,
-    file: Path | str | None = None,
+    file: Path | str | Sequence[Path | str] | None = None,
+    settings: Sequence[str] = (),
 ) -> Replay:
     """Run estimator blocks on a recording, print a table and, if asked, write figures and ``summary.json``.
 
@@ -128,8 +136,10 @@ def replay(
         Folder for what is written; it is made if need be.
     progress : bool
         Show a progress bar.
-    file : path, optional
-        What is replayed, where the data set takes a file of the user's own.
+    file : path or sequence of path, optional
+        What is replayed, where the data set takes files of the user's own.
+    settings : sequence of str
+        ``KEY=VALUE``, where the data set has settings.
 
     Returns
     -------
@@ -144,9 +154,11 @@ def replay(
     from systems.registry import locate
 
     entry: Dataset = locate(REPLAYS[choose("dataset", dataset, REPLAYS)])
-    folder = _own_file(entry, file) if entry.takes_file or file is not None else data_folder(entry, data)
+    files = [Path(file)] if isinstance(file, str | Path) else [Path(one) for one in file or ()]
+    extra = _settings(entry, settings)
+    source = _own_files(entry, files) if entry.takes_file or files else data_folder(entry, data)
     began = time.monotonic()
-    result = entry.run(folder, progress)
+    result = entry.run(source, progress, *extra)
     seconds = time.monotonic() - began
     print_table(result.table())
     for note in result.notes():
@@ -156,12 +168,30 @@ def replay(
     return result
 
 
-def _own_file(dataset: Dataset, file: Path | str | None) -> Path:
+def _own_files(dataset: Dataset, files: list[Path]) -> Path | list[Path]:
     if not dataset.takes_file:
-        raise UserError(f"FILE: {file} is not allowed for {dataset.name}; its recording is in the data folder")
-    if file is None:
-        raise UserError(f"FILE: it is missing; {dataset.name} replays {dataset.source}")
-    return Path(file)
+        raise UserError(f"FILE: {files[0]} is not allowed for {dataset.name}; its recording is in the data folder")
+    if len(files) < dataset.least_files:
+        missing = "it is missing" if not files else f"{len(files)} is not enough; {dataset.least_files} or more"
+        raise UserError(f"FILE: {missing}; {dataset.name} replays {dataset.source}")
+    if dataset.least_files > 1:
+        return files
+    if len(files) > 1:
+        raise UserError(f"FILE: {len(files)} files are not allowed for {dataset.name}; one")
+    return files[0]
+
+
+def _settings(dataset: Dataset, settings: Sequence[str]) -> list[Any]:
+    if dataset.settings is None:
+        if settings:
+            raise UserError(f"--set: {settings[0]} is not allowed for {dataset.name}; it has no settings")
+        return []
+    from diagrams.scenario import apply_setting, load
+
+    data: dict[str, Any] = {}
+    for setting in settings:
+        data = apply_setting(data, setting)
+    return [load(dataset.settings, [data])]
 
 
 def _write(result: Replay, out: Path, dataset: str, seconds: float) -> None:

@@ -181,16 +181,21 @@ def observe_command(
 
 
 def replay_command(
-    dataset: str, data: Path | None, out: Path | None, overwrite: bool, file: Path | None = None
+    dataset: str,
+    data: Path | None,
+    out: Path | None,
+    overwrite: bool,
+    file: list[Path] | None = None,
+    settings: list[str] | None = None,
 ) -> None:
     """Replay recorded measurements; see ``quietfix replay --help``."""
     from diagrams.replay import replay
 
     if out is None:
-        replay(dataset, data=data, file=file)
+        replay(dataset, data=data, file=file, settings=settings or ())
         return
     with OutputFolder(out, overwrite) as folder:
-        replay(dataset, data=data, out=folder.partial, file=file)
+        replay(dataset, data=data, out=folder.partial, file=file, settings=settings or ())
         folder.finish()
     print(f"wrote {out}")
 

@@ -109,7 +109,9 @@ class Study:
         probe, _, _ = self.wire(1)
         floats = sum(math.prod(shape) for shape in self._signals(probe)[1].values())
         ticks = len(probe.clock.ticks(probe.duration)) / self.request.every
-        fits = max(1, min(self.request.trials, _LARGEST_CHUNK, int(_CHUNK_BYTES / (8 * floats * ticks))))
+        fits = max(
+            1, min(self.request.trials, probe.widest or _LARGEST_CHUNK, int(_CHUNK_BYTES / (8 * floats * ticks)))
+        )
         # Chunks of equal width: the last one runs full and is cut, which wastes up to a whole chunk.
         return math.ceil(self.request.trials / math.ceil(self.request.trials / fits))
 

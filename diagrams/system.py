@@ -66,6 +66,8 @@ class Wired:
         Number of space dimensions: a state begins with so many coordinates, and then as many velocities if any.
     stream : sequence of str, optional
         Names of the rows of `measurement`, where estimators are wired to something else that is made of it.
+    widest : int, optional
+        Most trials at once, where blocks need much memory of their own for each.
     """
 
     truth: OutputPort
@@ -87,6 +89,7 @@ class Wired:
     convergence: float | None = None
     axes: int = 3
     stream: Sequence[str] | None = None
+    widest: int | None = None
 
 
 @dataclass(frozen=True)

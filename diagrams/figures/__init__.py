@@ -10,6 +10,7 @@ from diagrams.figures.consistency import draw_consistency
 from diagrams.figures.convergence import draw_convergence
 from diagrams.figures.errors import draw_error, draw_percentiles
 from diagrams.figures.ground import draw_ground
+from diagrams.figures.particles import draw_particle_health, particle_filters
 from diagrams.figures.style import save
 from diagrams.metrics import errors, rmse
 
@@ -30,8 +31,8 @@ def study_figures(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
     -------
     list of Path
         ``error_position``, ``error_height``, ``error_speed``, ``error_course``, ``error_bias``,
-        ``percentiles_position``, ``nees``, ``nis``, ``ground``, ``convergence``, all ``.png``; without those whose
-        numbers the result does not have.
+        ``percentiles_position``, ``nees``, ``nis``, ``ground``, ``particles``, ``convergence``, all ``.png``; without
+        those whose numbers the result does not have.
     """
     target = Path(folder)
     dataset = dataset.load()
@@ -47,5 +48,7 @@ def study_figures(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
             written.append(save(draw_consistency(dataset, kind), target / f"{kind}.png"))
     if dataset.attrs.get("frame") != "inertial":
         written.append(save(draw_ground(dataset), target / "ground.png"))
+    if particle_filters(dataset):
+        written.append(save(draw_particle_health(dataset), target / "particles.png"))
     written.append(save(draw_convergence(dataset, rmse(error["position"])), target / "convergence.png"))
     return written

@@ -94,7 +94,8 @@ def draw_map(result: KiwiReplay) -> Figure:
     ellipse = ring @ vectors.T + end[:2]
     right.plot(*ellipse.T, color="#cc79a7", lw=1.6, label="its ellipse of two sigma")
     right.plot(0, 0, "+", color="black", ms=18, mew=2, label="mast")
-    right.set(xlabel="east of the mast [km]", ylabel="north of the mast [km]", aspect="equal", title="fixes")
+    right.set(xlabel="east of the mast [km]", ylabel="north of the mast [km]", title="fixes")
+    right.set_aspect("equal", adjustable="datalim")
     right.margins(0.12)
     grid(right)
     right.legend(loc="best", framealpha=0.9)

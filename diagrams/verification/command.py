@@ -38,35 +38,33 @@ def verify_command(file: Path, trials: int | None, seed: int | None, out: Path |
 def print_report(report: Report) -> None:
     """Print a table of a report: one row per requirement."""
     looks = ", ".join(map(str, report.looks))
+    chances = sorted({f"{1 - (finding.requirement.confidence or 0):.2g}" for finding in report.findings})
     table = Table(
         title=f"{report.path.name}: {report.specification.system}, seed {report.seed}",
-        caption=f"looks at {looks} trials; each requirement's verdict is wrong with probability 1 - confidence at most,"
-        " all looks together; the interval is that of the look that decided",
+        caption=f"Looks at {looks} trials. A verdict is wrong with probability {' or '.join(chances)} at most, all"
+        " looks together; the interval is that of the look that decided.",
     )
-    cases = bool(report.specification.cases)
-    for heading in ("requirement", *(["case"] if cases else []), "estimator", "metric"):
-        table.add_column(heading)
-    for heading in ("estimate", "interval", "limit", "unit", "confidence", "verdict", "trials"):
-        table.add_column(heading, justify="left" if heading in ("unit", "verdict") else "right", no_wrap=True)
+    table.add_column("requirement")
+    table.add_column("estimator", overflow="fold")
+    table.add_column("metric", overflow="fold")
+    for heading in ("estimate", "interval", "limit", "verdict", "trials"):
+        table.add_column(heading, justify="left" if heading in ("limit", "verdict") else "right", no_wrap=True)
     for finding in report.findings:
-        table.add_row(*_row(finding, cases))
+        table.add_row(*_row(finding))
     print_table(table)
     counts = [sum(f.verdict == verdict for f in report.findings) for verdict in (HOLDS, FAILS, UNDECIDED)]
     print("{} of {} hold, {} fail, {} undecided".format(counts[0], len(report.findings), *counts[1:]))
 
 
-def _row(finding: Finding, cases: bool) -> list[str]:
+def _row(finding: Finding) -> list[str]:
     asked, style = finding.requirement, _STYLES[finding.verdict]
     return [
-        escape(asked.name),
-        *([escape(asked.case)] if cases else []),
+        escape(asked.name + (f" ({asked.case})" if asked.case else "")),
         asked.estimator,
         escape(finding.metric),
         plain(finding.estimate),
         f"{plain(finding.lower)} to {plain(finding.upper)}",
-        finding.limit,
-        finding.unit,
-        f"{asked.confidence:g}",
+        f"{finding.limit} {finding.unit}",
         f"[{style}]{WORDS[finding.verdict]}[/]",
         str(finding.trials),
     ]

@@ -73,8 +73,8 @@ def _log_ratio(a: Array, b: Array | None) -> tuple[Array, Array]:
     return value, np.sqrt((influence**2).mean(axis=-1) / (a.shape[-1] - 1))
 
 
-def _studentised(a: Array, b: Array | None, tail: float) -> tuple[Array, Array, Array]:
-    """Return centre, centre - tail quantile, centre - (1 - tail) quantile of the studentised bootstrap, as logs.
+def _studentised(a: Array, b: Array | None, tail: float) -> tuple[Array, Array]:
+    """Return both limits of log(mean(a)/mean(b)) by the studentised bootstrap.
 
     All resampled means of all leading axes come from products with one matrix of counts.
     """
@@ -82,28 +82,37 @@ def _studentised(a: Array, b: Array | None, tail: float) -> tuple[Array, Array, 
     centre, spread = _log_ratio(a, b)
     flat = a.reshape(-1, count).T
     low = None if b is None else np.broadcast_to(b, a.shape).reshape(-1, count).T
+    flat_square = flat**2
+    product, low_square = (None, None) if low is None else (flat * low, low**2)
     parts = []
     for weights in _resamples(count, _draws(tail)):
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = weights @ flat / count
-            square = weights @ flat**2 / count / mean**2
+            square = weights @ flat_square / count / mean**2
             if low is None:
                 value, variance = np.log(mean), square - 1.0
             else:
                 below = weights @ low / count
-                cross = weights @ (flat * low) / count / (mean * below)
+                cross = weights @ product / count / (mean * below)
                 value = np.log(mean / below)
-                variance = square - 2 * cross + weights @ low**2 / count / below**2
+                variance = square - 2 * cross + weights @ low_square / count / below**2
             deviation = value.reshape(-1, *a.shape[:-1]) - centre
             error = np.sqrt(np.maximum(variance, 0.0) / (count - 1)).reshape(deviation.shape)
             parts.append(np.where(error > 0, deviation / error, np.copysign(np.inf, deviation)))
-    pivot = np.concatenate(parts)
-    # order statistics, not interpolated: a resample without any spread counts as infinitely far
-    pivot.sort(axis=0)
-    k = int(tail * pivot.shape[0])
+    return _limits(centre, spread, np.concatenate(parts), tail)
+
+
+def _limits(centre: Array, spread: Array, pivot: Array, tail: float) -> tuple[Array, Array]:
+    """Return both limits from bootstrap values (draws, ...) of the studentised statistic.
+
+    Order statistics, not interpolated: a resample without any spread counts as infinitely far.
+    """
+    k, last = int(tail * pivot.shape[0]), pivot.shape[0] - 1
+    pivot.partition([k, last - k], axis=0)
     with np.errstate(invalid="ignore"):
-        upper, lower = centre - spread * pivot[k], centre - spread * pivot[-1 - k]
-    return centre, np.where(spread > 0, lower, centre), np.where(spread > 0, upper, centre)
+        lower = np.where(spread > 0, centre - spread * pivot[last - k], centre)
+        upper = np.where(spread > 0, centre - spread * pivot[k], centre)
+    return lower, upper
 
 
 @dataclass(frozen=True)
@@ -141,8 +150,8 @@ class MeanRatio:
         finite = np.isfinite(samples).all(axis=(-1, -2)) & (samples.max(axis=-2) > 0).all(axis=-1)
         usable = np.where(finite[..., None, None], samples, 1.0)
         a, b = usable[..., 0], usable[..., 1] if samples.shape[-1] == 2 else None
-        _, lower, _ = _studentised(*_with_worst(a, b, below=True), tail)
-        _, _, upper = _studentised(*_with_worst(a, b, below=False), tail)
+        lower, _ = _studentised(*_with_worst(a, b, below=True), tail)
+        _, upper = _studentised(*_with_worst(a, b, below=False), tail)
         power = 0.5 if self.root else 1.0
         value = self.estimate(samples)
         lower = np.where(finite, np.exp(power * lower), np.where(np.isnan(value), 0.0, value))
@@ -184,18 +193,14 @@ class SignedMean:
         a = np.where(finite[..., None], samples[..., 0], 0.0)
         count = a.shape[-1]
         centre, spread = a.mean(axis=-1), a.std(axis=-1) / math.sqrt(count - 1)
-        flat, parts = (a - centre[..., None]).reshape(-1, count).T, []
+        flat = (a - centre[..., None]).reshape(-1, count).T
+        square, parts = flat**2, []
         for weights in _resamples(count, _draws(tail)):
             mean = weights @ flat / count
-            error = np.sqrt(np.maximum(weights @ flat**2 / count - mean**2, 0.0) / (count - 1))
+            error = np.sqrt(np.maximum(weights @ square / count - mean**2, 0.0) / (count - 1))
             with np.errstate(invalid="ignore", divide="ignore"):
                 parts.append(np.where(error > 0, mean / error, np.copysign(np.inf, mean)))
-        pivot = np.concatenate(parts).reshape(-1, *a.shape[:-1])
-        pivot.sort(axis=0)
-        k = int(tail * pivot.shape[0])
-        with np.errstate(invalid="ignore"):
-            lower = np.where(spread > 0, centre - spread * pivot[-1 - k], centre)
-            upper = np.where(spread > 0, centre - spread * pivot[k], centre)
+        lower, upper = _limits(centre, spread, np.concatenate(parts).reshape(-1, *a.shape[:-1]), tail)
         return np.where(finite, lower, -np.inf), np.where(finite, upper, np.inf)
 
     @property

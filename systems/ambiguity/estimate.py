@@ -242,11 +242,10 @@ class CrossAmbiguity:
         healthy = [_Health(block, self.clipped_share) for block in (main, auxiliary)]
         for chosen, lags, half in jobs.groups(moments.noise_bandwidth / rate, size):
             grid = plan(size, lags, half, _GUARD)
-            work = _Work(self, main, auxiliary, size, first, rate, moments, carrier)
+            work = _Work(self, main, auxiliary, size, first, rate, moments, carrier, tuned / rate)
             for part in _parts(chosen, size + 2 * lags):
                 starts = np.broadcast_to(lead, (trials,))[part]
                 work.run(part, jobs, grid, starts, healthy, result)
-        result.frequency[:] += tuned
         return result
 
     def _check_duration(self, main: IqBlock, size: int, frequency: Array) -> None:
@@ -347,6 +346,7 @@ class _Work:
     rate: float
     moments: Moments
     carrier: float
+    tuned: float
 
     def run(
         self,
@@ -391,7 +391,9 @@ class _Work:
         y = np.take_along_axis(y, (lags + lag)[:, None] + np.arange(size), axis=1) if lags else y
         # one sample earlier or later in y is also another phase of the mixer: that does not matter for the modulus
         curvature = np.array([2 * self._lever(), 2 * np.square(_TIME_SPREAD * size)])
-        drift = -(centre + begin_frequency) / self.carrier if self.carrier > 0 else np.zeros(part.size)
+        drift = np.zeros(part.size)
+        if self.carrier > 0:
+            drift = -(centre + begin_frequency + self.tuned) / self.carrier
         fine = refine(x, y, begin_delay - lag, begin_frequency, cell, curvature, drift)
 
         flag |= np.where(fine.lost, Flag.LEFT_CELL, 0)
@@ -438,7 +440,13 @@ class _Work:
     ) -> None:
         rate, duration = self.rate, self.size / self.rate
         result.delay[part] = (base + fine.delay) / rate
-        result.frequency[part] = (centre + fine.frequency) * rate
+        frequency = centre + fine.frequency + self.tuned
+        if self.carrier > 0:
+            # A drift that is followed turns the phase by that of the oscillator's frequency; the signal, which both
+            # receivers hear with a Doppler shift in common, is beside it.
+            beside = fine.centre / (2 * np.pi * self.moments.pull)
+            frequency = frequency * (1 + beside / self.carrier)
+        result.frequency[part] = frequency * rate
         power = np.square(np.abs(fine.amplitude))
         peak = power / np.maximum(noise, np.finfo(float).tiny)
         rho = np.maximum(peak - 1, 0.0)

@@ -4,15 +4,16 @@ The delayed second channel and its derivatives with respect to the delay come fr
 Their products with the first channel are summed over sub-blocks,
 
 .. math:: q^{(k)}_b = \sum_{n\in b} \bar x_n\, y^{(k)}_n(\tau_0)\, e^{-2\pi j f_0 t_n},\qquad
-          A(\tau_0 + \epsilon, f_0 + \delta) = \sum_b \left[q_b + s_b q'_b + \tfrac12 s_b^2 q''_b\right]
-          e^{-2\pi j\delta t_b},\quad s_b = \epsilon + \dot\tau t_b,
+          A(\tau_0 + \epsilon, f_0 + \delta) = \sum_b \sum_{k=0}^3 \frac{s_b^k}{k!} q^{(k)}_b\, e^{-2\pi j\delta t_b},
+          \quad s_b = \epsilon + \dot\tau t_b,
 
-so that an iteration costs a few hundred operations; then everything is computed anew about where it has led, until
-that is no longer away from the middle. The rate of the delay, where it is known, is followed as well.
+so that an iteration costs a few hundred operations; where it has led far from tau_0, everything is computed anew about
+there. The rate of the delay, where it is known, is followed as well.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +30,8 @@ Complex = NDArray[np.complex64]
 _SUBBLOCKS = 256
 _PASSES = 4
 _ITERATIONS = 8
-_SETTLED = 0.02  # cells; the expansion is of third order in what is left
+_SETTLED = 0.05  # cells of delay; what the expansion leaves out is then 1e-4 of that
+_ORDERS = 4
 _STEP = 0.5  # cells; the longest step of an iteration
 _FARTHEST = 1.5  # cells; beyond, it is another peak
 _FLATTEST = 0.05  # least curvature, of the expected one
@@ -46,9 +48,9 @@ class Peak(NamedTuple):
         A there.
     curvature : ndarray, shape (trials, 2)
         Of -log |A|^2 along delay and frequency [1/samples^2], [samples^2], at the peak.
-    quadrature, spread, lever : ndarray, shape (trials,)
+    quadrature, spread, lever, centre : ndarray, shape (trials,)
         Of the cross-spectrum at the peak, turned to the phase of A: sum of the squares of its imaginary part; the same
-        weighted by w^2, w from its centre [rad/sample]; and its real part weighted by w^2, over A.
+        weighted by w^2, w from its centre [rad/sample]; its real part weighted by w^2, over A; and that centre.
     lost : ndarray of bool, shape (trials,)
         Whether the iteration has left the cell; delay and frequency are then where it began.
     """
@@ -60,6 +62,7 @@ class Peak(NamedTuple):
     quadrature: Array
     spread: Array
     lever: Array
+    centre: Array
     lost: NDArray[np.bool_]
 
 
@@ -133,15 +136,31 @@ def refine(
         lost[active] = away
         found[active] = np.where(away[:, None], start[active], moved)
         amplitude[active], bend[active] = here, curved
-        active = active[~away & np.any(np.abs(offset) > _SETTLED * cell, axis=-1)]
+        active = active[~away & (np.abs(offset[:, 0]) > _SETTLED * cell[0])]
         if active.size == 0:
             break
-    quadrature, spread, lever = _cross_spectrum(first, spectrum, found)
-    return Peak(found[:, 0], found[:, 1], amplitude, bend, quadrature, spread, lever, lost)
+    return Peak(found[:, 0], found[:, 1], amplitude, bend, *_cross_spectrum(first, spectrum, found), lost)
 
 
+@lru_cache(maxsize=8)
 def _angular(size: int) -> Array:
-    return 2 * np.pi * fft.fftfreq(size)
+    w: Array = 2 * np.pi * fft.fftfreq(size)
+    w.setflags(write=False)
+    return w
+
+
+@lru_cache(maxsize=8)
+def _angular_squared(size: int) -> Array:
+    ww: Array = np.square(_angular(size))
+    ww.setflags(write=False)
+    return ww
+
+
+@lru_cache(maxsize=8)
+def _differentiator(size: int) -> Complex:
+    table: Complex = (1j * _angular(size)).astype(np.complex64)
+    table.setflags(write=False)
+    return table
 
 
 def _ramp(size: int, delay: Array) -> Complex:
@@ -152,17 +171,16 @@ def _ramp(size: int, delay: Array) -> Complex:
 
 
 class _Moments:
-    """Sums over sub-blocks about a point: q, q', q'' of shape (trials, 3, blocks)."""
+    """Sums over sub-blocks about a point: q and its three derivatives, of shape (trials, 4, blocks)."""
 
     def __init__(self, first: Complex, spectrum: Complex, at: Array, rate: Array) -> None:
         trials, size = first.shape
         length = -(-size // _SUBBLOCKS)
         blocks = -(-size // length)
-        turned = np.empty((trials, 3, size), dtype=np.complex64)
-        w = (1j * _angular(size)).astype(np.complex64)
+        turned = np.empty((trials, _ORDERS, size), dtype=np.complex64)
         np.multiply(spectrum, _ramp(size, at[:, 0]), out=turned[:, 0])
-        np.multiply(turned[:, 0], w, out=turned[:, 1])
-        np.multiply(turned[:, 1], w, out=turned[:, 2])
+        for order in range(1, _ORDERS):
+            np.multiply(turned[:, order - 1], _differentiator(size), out=turned[:, order])
         shifted = fft.ifft(turned, axis=-1, overwrite_x=True)
         middle = 0.5 * (size - 1)
         mixed = np.conjugate(first) * phasor(-at[:, 1], -middle, size)
@@ -171,17 +189,18 @@ class _Moments:
             mixed = np.pad(mixed, ((0, 0), (0, extra)))
             shifted = np.pad(shifted, ((0, 0), (0, 0), (0, extra)))
         self.sums = np.einsum(
-            "nbl,nkbl->nkb", mixed.reshape(trials, blocks, length), shifted.reshape(trials, 3, blocks, length)
+            "nbl,nkbl->nkb", mixed.reshape(trials, blocks, length), shifted.reshape(trials, _ORDERS, blocks, length)
         ).astype(complex)
         self.time = (np.arange(blocks) + 0.5) * length - 0.5 - middle
         self.drift = rate[:, None] * self.time
 
     def derivatives(self, offset: Array) -> tuple[NDArray[np.complex128], ...]:
         """Return A, A_tau, A_f, A_tautau, A_tauf, A_ff at an offset (trials, 2)."""
-        q, q1, q2 = np.moveaxis(self.sums, 1, 0)
+        q, q1, q2, q3 = np.moveaxis(self.sums, 1, 0)
         s = offset[:, :1] + self.drift
         turn = np.exp(-2j * np.pi * offset[:, 1:] * self.time)
-        value, slope, bend = (q + s * (q1 + 0.5 * s * q2)) * turn, (q1 + s * q2) * turn, q2 * turn
+        value = (q + s * (q1 + s * (q2 / 2 + s * q3 / 6))) * turn
+        slope, bend = (q1 + s * (q2 + s * q3 / 2)) * turn, (q2 + s * q3) * turn
         along = -2j * np.pi * self.time
         return (
             value.sum(-1),
@@ -229,7 +248,7 @@ def _newton(moments: _Moments, cell: Array, curvature: Array) -> tuple[Array, ND
     return offset, parts[0], -np.stack([hessian[:, 0, 0], hessian[:, 1, 1]], axis=-1)
 
 
-def _cross_spectrum(first: Complex, spectrum: Complex, at: Array) -> tuple[Array, Array, Array]:
+def _cross_spectrum(first: Complex, spectrum: Complex, at: Array) -> tuple[Array, Array, Array, Array]:
     size = first.shape[-1]
     x = fft.fft(first * phasor(at[:, 1], -0.5 * (size - 1), size), axis=-1)
     cross = np.conjugate(x, out=x) * spectrum
@@ -237,11 +256,12 @@ def _cross_spectrum(first: Complex, spectrum: Complex, at: Array) -> tuple[Array
     total = cross.sum(axis=-1, dtype=complex)
     length = np.abs(total)
     cross *= (np.conjugate(total) / np.where(length == 0, 1.0, length)).astype(np.complex64)[:, None]
-    w = _angular(size)
-    real, imag = cross.real.astype(float), np.square(cross.imag.astype(float))
-    scale = np.where(length == 0, 1.0, real.sum(axis=-1))
-    w = w - (np.einsum("k,nk->n", w, real) / scale)[:, None]
-    ww = np.square(w)
-    lever = np.einsum("nk,nk->n", ww, real) / scale
+    w, ww = _angular(size), _angular_squared(size)
     # a transform of n samples: sums over bins are n times sums over samples
-    return imag.sum(axis=-1) / size**2, np.einsum("nk,nk->n", ww, imag) / size**2, lever
+    real, imag = cross.real.astype(float), np.square(cross.imag, dtype=float) / size**2
+    scale = np.where(length == 0, 1.0, real.sum(axis=-1))
+    middle = (w * real).sum(axis=-1) / scale
+    lever = (ww * real).sum(axis=-1) / scale - np.square(middle)
+    quadrature = imag.sum(axis=-1)
+    spread = (ww * imag).sum(axis=-1) - 2 * middle * (w * imag).sum(axis=-1) + np.square(middle) * quadrature
+    return quadrature, spread, lever, middle

@@ -219,6 +219,17 @@ class Moments:
         return 1 / math.sqrt(12 * float((weight * np.square(self.frequency - mean)).sum()))
 
     @cached_property
+    def pull(self) -> float:
+        r"""What is left of a small shift of the spectrum behind the filter, :math:`1 + \int f S W'/\int S W`.
+
+        One half for W = S; 1 where the spectrum is not known.
+        """
+        if self.spectrum is None:
+            return 1.0
+        slope = np.gradient(self.weight, self.step)
+        return float(1 + (self.frequency * self.spectrum * slope).sum() / (self.spectrum * self.weight).sum())
+
+    @cached_property
     def bandwidth_squared(self) -> float | None:
         r""":math:`\int (w-\bar w)^2 S W/\int S W` [rad^2/s^2], of the weighted cross-spectrum; None: not known."""
         if self.spectrum is None:

@@ -100,12 +100,12 @@ class AzimuthFilter(KalmanEstimator):
         start = AzimuthStart(wiring.stream, sigma, sigma_rate)
         self._fresh = start.variance
         super().__init__(name, IteratedExtendedKalman(1), DirectAzimuth(sigma), AzimuthRate(density), start, wiring)
-        after = {self.cached_ticket(self._moments), self.input_ticket("measurement")}
+        after = {self.posterior_ticket, self.input_ticket("measurement")}
         self.declare_output("bearing", wiring.trials, 2, lambda c: self._where_measured(c, 0), after)
         self.declare_output("bearing_covariance", wiring.trials, 4, lambda c: self._where_measured(c, 1), after)
 
     def _where_measured(self, context: object, which: int) -> Array:
-        value = self.cached(context, self._moments)[which]
+        value = self.posterior_moments(context)[which]
         measured = self.read(context, "measurement")[:, self._rows]
         return np.where(np.isfinite(measured), value.reshape(value.shape[0], -1), np.nan)
 

@@ -8,6 +8,7 @@ irregular sampling are one code path, and ``prediction`` does not feed through a
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -104,6 +105,31 @@ class Innovation(NamedTuple):
     value: Array
     nis: Array
     nis_dof: Array
+
+
+_TO_COME = Innovation(np.empty(0), np.empty(0), np.empty(0))  # of a prior
+
+
+class _Belief:
+    """What a cache holds: memory, innovation, which trials have started; the moments when they are first asked for.
+
+    ``current`` says that the measurement of now is in it.
+    """
+
+    __slots__ = ("_moments", "current", "innovation", "memory", "started")
+
+    def __init__(self, memory: Memory, innovation: Innovation, started: Mask, current: bool) -> None:
+        self.memory = memory
+        self.innovation = innovation
+        self.started = started
+        self.current = current
+        self._moments: tuple[Array, Array] | None = None
+
+    def moments(self, summarise: Callable[[Memory], tuple[Array, Array]]) -> tuple[Array, Array]:
+        """Return mean and covariance."""
+        if self._moments is None:
+            self._moments = summarise(self.memory)
+        return self._moments
 
 
 class Estimator(EnsembleBlock):
@@ -211,45 +237,32 @@ class Estimator(EnsembleBlock):
         inputs = {self.input_port_ticket(self.get_input_port(i).get_index()) for i in range(self.num_input_ports())}
         draw = self.declare_draw()
 
-        self._groups: dict[str, tuple[Any, int]] = {}
-        for group, size in {
-            **self.memory_sizes(),
-            "innovation": m,
-            "nis": 1,
-            "nis_dof": 1,
-            "started": 1,
-        }.items():
-            fill = 0.0 if group == "started" else np.nan
-            self._groups[group] = (self.DeclareDiscreteState(np.full(trials * size, fill)), size)
-        self._stamp = self.DeclareDiscreteState([0.0, 0.0])  # holds for this time; its measurement is used
+        # One group of discrete state for all of it: an access costs as much as copying thousands of numbers.
+        sizes = self.memory_sizes()
+        self._remembered = list(sizes)
+        self._places: dict[str, tuple[slice, int]] = {}
+        begin = 0
+        for group, size in {**sizes, "innovation": m, "nis": 1, "nis_dof": 1, "started": 1}.items():
+            self._places[group] = (slice(begin, begin + trials * size), size)
+            begin += trials * size
+        initial = np.full(begin + 2, np.nan)
+        initial[self._places["started"][0]] = 0.0
+        initial[-2:] = 0.0  # holds for this time; its measurement is used
+        self._state = self.DeclareDiscreteState(initial)
 
         state = self.xd_ticket()
         self._prior = self.declare_cached("prior", type(self)._calc_prior, {state, self.time_ticket(), draw})
-        self._prior_moments = self.declare_cached(
-            "prior_moments",
-            lambda me, context: me.moments(me.cached(context, me._prior)),
-            {self.cached_ticket(self._prior)},
-        )
         self._posterior = self.declare_cached(
-            "posterior", type(self)._calc_posterior, {self.cached_ticket(self._prior), state, draw, *inputs}
+            "posterior", type(self)._calc_posterior, {self.cached_ticket(self._prior), draw, *inputs}
         )
-        self._moments = self.declare_cached(
-            "moments",
-            lambda me, context: me.moments(me.cached(context, me._posterior)[0]),
-            {self.cached_ticket(self._posterior)},
-        )
-        before = {self.cached_ticket(self._prior_moments)}
-        after = {self.cached_ticket(self._moments)}
-        update = {self.cached_ticket(self._posterior)}
-        self.declare_output("estimate", trials, n, lambda c: self.cached(c, self._moments)[0], after)
-        self.declare_output("covariance", trials, n * n, lambda c: self.cached(c, self._moments)[1], after)
-        self.declare_output("prediction", trials, n, lambda c: self.cached(c, self._prior_moments)[0], before)
-        self.declare_output(
-            "prediction_covariance", trials, n * n, lambda c: self.cached(c, self._prior_moments)[1], before
-        )
-        self.declare_output("innovation", trials, m, lambda c: self.cached(c, self._posterior)[1].value, update)
-        self.declare_output("nis", trials, 1, lambda c: self.cached(c, self._posterior)[1].nis, update)
-        self.declare_output("nis_dof", trials, 1, lambda c: self.cached(c, self._posterior)[1].nis_dof, update)
+        before, after = {self.cached_ticket(self._prior)}, {self.cached_ticket(self._posterior)}
+        self.declare_output("estimate", trials, n, lambda c: self.posterior_moments(c)[0], after)
+        self.declare_output("covariance", trials, n * n, lambda c: self.posterior_moments(c)[1], after)
+        self.declare_output("prediction", trials, n, lambda c: self._prior_moments(c)[0], before)
+        self.declare_output("prediction_covariance", trials, n * n, lambda c: self._prior_moments(c)[1], before)
+        self.declare_output("innovation", trials, m, lambda c: self._belief(c).innovation.value, after)
+        self.declare_output("nis", trials, 1, lambda c: self._belief(c).innovation.nis, after)
+        self.declare_output("nis_dof", trials, 1, lambda c: self._belief(c).innovation.nis_dof, after)
 
         wiring.clock.declare(
             lambda period, offset: self.DeclarePeriodicDiscreteUpdateEvent(period, offset, self._store)
@@ -260,16 +273,44 @@ class Estimator(EnsembleBlock):
         time = context.get_time()
         return Epoch(time, lambda: self.wiring.clock.index(time), lambda: self.draw(context))
 
-    def _group(self, context: Context, group: str) -> Array:
-        index, size = self._groups[group]
-        return context.get_discrete_state(index).value().reshape(-1, size).copy()
+    def _belief(self, context: Context) -> _Belief:
+        belief: _Belief = self.cached(context, self._posterior)
+        return belief
 
-    def _calc_prior(self, context: Context) -> Memory:
-        memory = {group: self._group(context, group) for group in self.memory_sizes()}
-        now, stamp = context.get_time(), float(context.get_discrete_state(self._stamp).value()[0])
-        if now <= stamp or same_instant(now, stamp):
-            return memory
-        return self.move(memory, now - stamp, self._epoch(context))
+    def posterior_memory(self, context: Context) -> Memory:
+        """Return the memory with the measurement of now, for a subclass's own ports."""
+        return self._belief(context).memory
+
+    def posterior_moments(self, context: Context) -> tuple[Array, Array]:
+        """Return mean and covariance with the measurement of now."""
+        return self._belief(context).moments(self.moments)
+
+    @property
+    def posterior_ticket(self) -> Any:
+        """What a port depends on that is made from `posterior_memory` or `posterior_moments`."""
+        return self.cached_ticket(self._posterior)
+
+    def _prior_moments(self, context: Context) -> tuple[Array, Array]:
+        belief: _Belief = self.cached(context, self._prior)
+        return belief.moments(self.moments)
+
+    def _calc_prior(self, context: Context) -> _Belief:
+        """Return the memory moved to now, or what is stored where the measurement of now is in it."""
+        state = context.get_discrete_state(self._state).value().copy()
+
+        def stored(group: str) -> Array:
+            place, size = self._places[group]
+            return state[place].reshape(-1, size)
+
+        memory = {group: stored(group) for group in self._remembered}
+        started = stored("started")[:, 0] > 0
+        now, (stamp, used) = context.get_time(), state[-2:].tolist()
+        if same_instant(now, stamp):
+            innovation = Innovation(stored("innovation"), stored("nis")[:, 0], stored("nis_dof")[:, 0])
+            return _Belief(memory, innovation, started, bool(used))
+        if now > stamp:
+            memory = self.move(memory, now - stamp, self._epoch(context))
+        return _Belief(memory, _TO_COME, started, False)
 
     def _first(self, context: Context, stream: Array) -> tuple[Memory, Mask]:
         inputs = {port: self.read(context, port) for port in self.start.inputs}
@@ -290,14 +331,12 @@ class Estimator(EnsembleBlock):
         trials = self.wiring.trials
         return Innovation(np.full((trials, self.model.size), np.nan), np.full(trials, np.nan), np.zeros(trials))
 
-    def _calc_posterior(self, context: Context) -> tuple[Memory, Innovation, Mask]:
+    def _calc_posterior(self, context: Context) -> _Belief:
         """Return memory, innovation and which trials have started, after the measurement of now."""
-        memory: Memory = self.cached(context, self._prior)
-        started = self._group(context, "started")[:, 0] > 0
-        stamp, used = context.get_discrete_state(self._stamp).value()
-        if used and same_instant(context.get_time(), stamp):
-            value, nis, dof = (self._group(context, group) for group in ("innovation", "nis", "nis_dof"))
-            return memory, Innovation(value, nis[:, 0], dof[:, 0]), started
+        prior: _Belief = self.cached(context, self._prior)
+        if prior.current:
+            return prior
+        memory, started = prior.memory, prior.started
         stream = self.read(context, "measurement")
         measurement = stream[:, self._rows]
         if not started.all():
@@ -305,14 +344,17 @@ class Estimator(EnsembleBlock):
             started = started | new
             if self.start.uses_measurement:
                 measurement = np.where(new[:, None], np.nan, measurement)
-        if not started.any() or np.isnan(measurement).all():
-            return memory, self._nothing(), started
+            if not started.any():
+                return _Belief(memory, self._nothing(), started, True)
+        # looking at the first number first: it is rarely missing
+        if math.isnan(measurement.item(0)) and np.isnan(measurement).all():
+            return _Belief(memory, self._nothing(), started, True)
         noise = self._read_noise(context)
         if noise is not None and (unknown := unknown_rows(noise)).any():
             measurement = np.where(unknown, np.nan, measurement)
         platforms = self._read_platforms(context)
         memory, innovation = self.correct(memory, measurement, platforms, noise, self._epoch(context))
-        return memory, innovation, started
+        return _Belief(memory, innovation, started, True)
 
     def _begin_late(self, context: Context, memory: Memory, started: Mask, stream: Array) -> tuple[Memory, Mask]:
         """Start the trials that could not start before, leave the others alone; return which have started now."""
@@ -331,6 +373,7 @@ class Estimator(EnsembleBlock):
         time: float,
         used: bool,
     ) -> None:
+        state = discrete.get_mutable_value(self._state)
         values = {
             **memory,
             "innovation": innovation.value,
@@ -339,8 +382,12 @@ class Estimator(EnsembleBlock):
             "started": started,
         }
         for group, value in values.items():
-            discrete.set_value(self._groups[group][0], np.ravel(value).astype(float, copy=False))
-        discrete.set_value(self._stamp, [time, float(used)])
+            state[self._places[group][0]] = value.reshape(-1)
+        state[-2:] = time, used
+
+    def _replace(self, discrete: DiscreteValues, group: str, value: Array) -> None:
+        """Write one group of the memory that is stored."""
+        discrete.get_mutable_value(self._state)[self._places[group][0]] = value.reshape(-1)
 
     def _initialize(self, context: Context, discrete: DiscreteValues) -> None:
         """Start at the first instant; a start made from a measurement has then used that measurement."""
@@ -348,5 +395,5 @@ class Estimator(EnsembleBlock):
         self._write(discrete, memory, self._nothing(), started, context.get_time(), self.start.uses_measurement)
 
     def _store(self, context: Context, discrete: DiscreteValues) -> None:
-        memory, innovation, started = self.cached(context, self._posterior)
-        self._write(discrete, memory, innovation, started, context.get_time(), used=True)
+        belief = self._belief(context)
+        self._write(discrete, belief.memory, belief.innovation, belief.started, context.get_time(), used=True)

@@ -126,15 +126,13 @@ class HypothesisBank(Estimator):
         self._phase_rows = [model.names.index(row) for part in phases for row in part.names]
         self._whitener = Whitener(model.noise_covariance())
         super().__init__(name, model, motion, start, wiring)
-        after = {self.cached_ticket(self._posterior)}
+        after = {self.posterior_ticket}
         trials = wiring.trials
-        self.declare_output(
-            "weights", trials, self.hypotheses, lambda c: self.cached(c, self._posterior)[0]["weights"], after
-        )
+        self.declare_output("weights", trials, self.hypotheses, lambda c: self.posterior_memory(c)["weights"], after)
         if self._phases is not None:
             size = self._phases.size
             self.declare_output(
-                "integers", trials, size, lambda c: self.cached(c, self._posterior)[0]["integers"][:, :size], after
+                "integers", trials, size, lambda c: self.posterior_memory(c)["integers"][:, :size], after
             )
 
     # ---- memory

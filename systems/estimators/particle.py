@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,13 @@ Mask = NDArray[np.bool_]
 
 _AT_ONCE = 20_000  # particles: what fits into a processor's cache; more at once are slower
 _PORTS = COLUMNS[:-1]
+
+
+@lru_cache(maxsize=16)
+def _noise_root(covariance: bytes, shape: tuple[int, ...]) -> Array:
+    """Return L (..., n, r) with L L' the covariance, without columns of zeros; mostly it is the same every epoch."""
+    root = semidefinite_root(np.frombuffer(covariance).reshape(shape))
+    return root[..., np.any(root != 0, axis=tuple(range(root.ndim - 1)))]
 
 
 class ParticleEstimator(Estimator):
@@ -231,13 +238,11 @@ class ParticleEstimator(Estimator):
                 moving = motion.driven(held[:, None])
             else:
                 moving = motion
-            moved = np.moveaxis(moving.propagate(np.moveaxis(cloud.particles[group], 1, -1), dt), -1, 1)
-            particles[group] = moved
+            particles[group] = moving.propagate(cloud.particles[group].swapaxes(1, 2), dt).swapaxes(1, 2)
             # a trial that has not started or is lost has no process noise to speak of, and no input either
             noise = own.process_noise(np.where(np.isfinite(here), here, 1.0), dt)
             if noise.any():
-                root = semidefinite_root(noise)
-                root = root[..., np.any(root != 0, axis=tuple(range(root.ndim - 1)))]
+                root = _noise_root(noise.tobytes(), noise.shape)
                 particles[group] += root @ draws.normal("motion", index, (root.shape[-1], self.particles))
         kept = {group: memory[group] for group in ("log_weight", "ancestor", "health")}
         return {"particles": particles.reshape(len(particles), -1), **kept, **carried}
@@ -307,7 +312,7 @@ class ParticleEstimator(Estimator):
         prior, health = self._window(prior, memory["health"])
         weight, _ = normalise(prior.log_weight)
         known = residual if np.isfinite(residual.sum()) else np.where(np.isfinite(residual), residual, 0.0)
-        value = (np.moveaxis(known, -1, 1) @ weight[..., None])[..., 0]
+        value = (known.swapaxes(1, 2) @ weight[..., None])[..., 0]
         result = self.update(prior, Likelihood(reading, missing), residual, draws)
         now = evidence(result.log_evidence, result.spread, rows)
         recent = follow(health[:, 3], now)

@@ -154,8 +154,8 @@ class RangeDecomposed(Estimator):
         if self.look_ahead:
             ahead = self.read(context, "preview").reshape(-1, self.plane_epochs, PREVIEW)
             normal, count_ = self._find_plane(ahead)
-            discrete.set_value(self._groups["normal"][0], normal.ravel())
-            discrete.set_value(self._groups["count"][0], count_)
+            self._replace(discrete, "normal", normal)
+            self._replace(discrete, "count", count_)
 
     # ---- the plane
 

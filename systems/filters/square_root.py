@@ -105,11 +105,12 @@ class Gains:
         One right-hand side is solved for faster than M is factored and inverted, which only `update` and the
         covariance need.
         """
-        y: Array = np.linalg.solve(self._gram, self._columns @ whitened[..., None])
+        y = np.linalg.solve(self._gram, self._columns @ whitened[..., None]).astype(float, copy=False)
         if self._wide is not None:
             projected = np.swapaxes(self._orthogonal, -1, -2) @ whitened[self._wide][..., None]
             y[self._wide] = np.linalg.solve(self._upper, projected)
-        return (self._root @ y)[..., 0]
+        corrected: Array = (self._root @ y)[..., 0]
+        return corrected
 
     def update(self, whitened: Array) -> tuple[Array, Array]:
         """Return the correction of the mean, and the normalised innovation squared, for a whitened innovation."""

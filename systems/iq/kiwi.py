@@ -129,7 +129,7 @@ def _stale(file: Path, stamps: Array, first: NDArray[np.int64]) -> int:
         raise ValueError(f"{file}: {stamps.size} stamps are not allowed; at least 10")
     pace = np.diff(stamps) / np.diff(first)
     usual = np.median(pace)
-    odd = np.flatnonzero(np.abs(pace / usual - 1) > _STEADY)
+    odd = np.flatnonzero(np.abs(pace - usual) > _STEADY * usual)
     if odd.size and odd[-1] + 1 > stamps.size // 2:
         raise ValueError(
             f"{file}: stamps: {stamps[odd[-1] + 1]:.3f} s after {stamps[odd[-1]]:.3f} s is not a steady clock"

@@ -91,7 +91,8 @@ class Direction(BodyDirection):
         ground = np.sqrt(x * x + y * y)
         angles = np.empty((2, *x.shape))
         np.arctan2(y, x, out=angles[0, ...])
-        np.arctan2(z, ground, out=angles[1, ...])
+        with np.errstate(divide="ignore"):
+            np.arctan(z / ground, out=angles[1, ...])  # ground >= 0: twice as fast as with two arguments
         if not ground.all():
             angles[0, ground == 0] = np.nan
         return np.moveaxis(angles, 0, -1)

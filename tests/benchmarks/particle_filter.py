@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 from stonesoup.base import Property
 from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
 from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
@@ -22,9 +23,11 @@ from stonesoup.types.state import ParticleState
 from stonesoup.updater.particle import ParticleUpdater
 
 from diagrams.catalogue import load_scenario, system
+from diagrams.system import Wired
 from systems.clocks import Periodic
 from systems.estimators.base import Estimator
 from systems.measurement.base import SPEED_OF_LIGHT
+from systems.measurement.body_frame import body_frame
 from systems.measurement.direction import Direction
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.stack import Stack
@@ -33,7 +36,7 @@ from systems.signals import Draw, set_draw
 from tests.benchmarks.harness import Peer, Size, Timing, race, ratios
 from tests.benchmarks.report import Section, Threshold, microseconds, spread
 
-__all__ = ["Measurement", "Scene", "bootstrap", "compare", "make_scene", "run_block"]
+__all__ = ["Measurement", "Run", "Scene", "block_run", "bootstrap", "compare", "make_scene"]
 
 Array = NDArray[np.float64]
 
@@ -55,43 +58,57 @@ class Scene:
     spread: Array
 
 
-def _diagram(name: str, particles: int, trials: int, duration: float):  # type: ignore[no-untyped-def]
+def _wire(name: str, particles: int, trials: int, duration: float) -> tuple[DiagramBuilder, Wired]:
     settings = [f"duration_s={duration}", f"estimators.{name}.particles={particles}"]
     scenario = load_scenario("dual_satellite", settings=settings)
     builder = DiagramBuilder()
-    wired = system("dual_satellite").wire(builder, scenario, [name], trials)
-    return builder, wired
+    return builder, system("dual_satellite").wire(builder, scenario, [name], trials)
+
+
+class Run:
+    """A diagram with a recorder, built once; each call is one run in a new context.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+        The diagram under construction.
+    ports : mapping of str to OutputPort
+        What is recorded, every second.
+    duration : float
+        Length of a run [s].
+    """
+
+    def __init__(self, builder: DiagramBuilder, ports: Mapping[str, OutputPort], duration: float) -> None:
+        self._recorder = record(builder, ports, Periodic(1.0))
+        self._diagram = builder.Build()
+        self._simulator = Simulator(self._diagram)
+        self._duration = duration
+
+    def __call__(self) -> dict[str, Array]:
+        """Return what was recorded, each (epochs, trials, size)."""
+        context = self._diagram.CreateDefaultContext()
+        set_draw(self._diagram, context, Draw())
+        self._simulator.reset_context(context)
+        self._simulator.Initialize()
+        self._simulator.AdvanceTo(self._duration)
+        return self._recorder.result(context)[1]
 
 
 def make_scene(particles: int, duration: float) -> Scene:
     """Record the pass of one trial."""
-    builder, wired = _diagram("pf", particles, 1, duration)
-    prior = next(s for s in builder.GetSystems() if s.get_name() == "prior_position")
+    builder, wired = _wire("pf", particles, 1, duration)
+    prior = next(block for block in builder.GetSystems() if block.get_name() == "prior_position")
     ports = {"z": wired.measurement, "platforms": wired.platforms, "prior": prior.GetOutputPort("measurement")}
-    recorder = record(builder, ports, Periodic(1.0))
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    set_draw(diagram, context, Draw())
-    simulator = Simulator(diagram, context)
-    simulator.Initialize()
-    simulator.AdvanceTo(duration)
-    _, signals = recorder.result(context)
-    estimator = wired.estimators["pf"]
+    signals = Run(builder, ports, duration)()
     covariance = wired.start_covariance("pf", np.zeros((1, 6)), signals["platforms"][0].reshape(1, 2, 6))
-    return Scene(signals["z"], signals["platforms"].reshape(-1, 2, 6), signals["prior"][0], estimator, covariance[0])
+    platforms = signals["platforms"].reshape(-1, 2, 6)
+    return Scene(signals["z"], platforms, signals["prior"][0], wired.estimators["pf"], covariance[0])
 
 
-def run_block(name: str, particles: int, trials: int, duration: float) -> Array:
-    """Build and run the packaged diagram with one estimator; return its estimates (epochs, trials, 6)."""
-    builder, wired = _diagram(name, particles, trials, duration)
-    recorder = record(builder, {"estimate": wired.estimators[name].GetOutputPort("estimate")}, wired.clock)
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    set_draw(diagram, context, Draw())
-    simulator = Simulator(diagram, context)
-    simulator.Initialize()
-    simulator.AdvanceTo(wired.duration)
-    return recorder.result(context)[1]["estimate"]
+def block_run(name: str, particles: int, trials: int, duration: float) -> Run:
+    """Return a run of the packaged diagram with one estimator."""
+    builder, wired = _wire(name, particles, trials, duration)
+    return Run(builder, {"estimate": wired.estimators[name].GetOutputPort("estimate")}, duration)
 
 
 class Measurement(NonLinearGaussianMeasurement):
@@ -153,7 +170,7 @@ def bootstrap(scene: Scene, particles: int) -> Array:
             mapping=(0, 1, 2, 3, 4, 5),
             noise_covar=noise,
             platforms=platforms,
-            axes=_axes(direction, platforms),
+            axes=body_frame(platforms, direction.platform, direction.earth_rate),
             carrier=doppler.carrier,
         )
         prediction = predictor.predict(state, timestamp=stamp) if k else state
@@ -161,12 +178,6 @@ def bootstrap(scene: Scene, particles: int) -> Array:
         state = updater.update(SingleHypothesis(prediction, detection))
         means.append(np.asarray(state.mean, dtype=float)[:, 0])
     return np.array(means)
-
-
-def _axes(direction: Direction, platforms: Array) -> Array:
-    from systems.measurement.body_frame import body_frame
-
-    return body_frame(platforms, direction.platform, direction.earth_rate)
 
 
 def compare(size: Size) -> Section:
@@ -183,7 +194,7 @@ def compare(size: Size) -> Section:
     peers = [Peer("Stone Soup, bootstrap", partial(bootstrap, scene, particles), particles * steps)]
     for name in ("pf_sir", "pf"):
         for trials in (1, 2 if size.tiny else 10):
-            run = partial(run_block, name, particles, trials, duration)
+            run = block_run(name, particles, trials, duration)
             peers.append(Peer(f"{name}, {trials} trial{'s' * (trials > 1)}", run, particles * steps * trials))
     timings = race(peers, size)
     theirs: Timing = timings["Stone Soup, bootstrap"]
@@ -196,9 +207,8 @@ def compare(size: Size) -> Section:
             (label, microseconds(mine.costs), spread(ratio), str(threshold), section.judge(ratio, threshold))
         )
     section.notes.append(
-        "pf_sir and pf are whole diagrams with satellites, sensors and recorder, built anew for every run; Stone Soup "
-        "gets the recorded measurements and a measurement function of all its particles at once. A step of pf is one to two "
-        "stages of tempering after about ten at the start, with a kernel each; a bootstrap filter has neither, and has "
-        "collapsed by then."
+        "pf_sir and pf run in whole diagrams with satellites, sensors and recorder; Stone Soup gets the recorded "
+        "measurements and a measurement function of all its particles at once. A step of pf is one or two stages of "
+        "tempering, after about ten at the start; a bootstrap filter has neither, and has collapsed by then."
     )
     return section

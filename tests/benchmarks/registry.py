@@ -19,6 +19,7 @@ COMPARISONS: dict[str, str] = {
     "bearings_only": "tests.benchmarks.bearings_only:compare",
     "particle_filter": "tests.benchmarks.particle_filter:compare",
     "satellite_ranging": "tests.benchmarks.satellite_ranging:compare",
+    "cross_ambiguity": "tests.benchmarks.cross_ambiguity:compare",
 }
 """Function of each comparison, ``compare(size: Size) -> Section``, as ``module:function``."""
 

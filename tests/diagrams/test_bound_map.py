@@ -104,10 +104,10 @@ def test_more_rows_never_raise_the_bound_and_no_bound_is_above_the_prior():
     ids=["bearings", "rocket", "orbits", "ground"],
 )
 def test_figures_and_titles_say_noise_and_prior(make, system, settings, tmp_path, capsys):
-    found = map_bounds(make(load_scenario(system, settings=settings)))
+    found = map_bounds(make(load_scenario(system, settings=settings))).isel(set=[0])
     assert all(found.attrs[name] for name in ("noise", "prior", "target"))
     written = draw_gdop(found, tmp_path)
-    assert len(written) == found.sizes["set"] * len(found.attrs["quantities"])
+    assert len(written) == len(found.attrs["quantities"])
     assert all(path.stat().st_size > 10_000 for path in written)
     bound_map.print_map(found)
     printed = capsys.readouterr().out

@@ -7,6 +7,7 @@ from diagrams.figures.consistency import draw_consistency
 from diagrams.figures.convergence import draw_convergence
 from diagrams.figures.errors import draw_error
 from diagrams.figures.ground import draw_ground
+from diagrams.figures.particles import draw_particle_health, particle_filters
 from diagrams.figures.style import looks
 from diagrams.metrics import BOUNDS, convergence_time, errors, rmse
 from systems.frames import geodetic_state
@@ -131,3 +132,19 @@ def test_inertial_states_have_no_ground_track(tmp_path):
     data.attrs["frame"] = "inertial"
     names = {path.name for path in study_figures(data, tmp_path)}
     assert "ground.png" not in names and "error_height.png" not in names and "error_position.png" in names
+
+
+def test_health_of_particle_filters(tmp_path):
+    """Drawn where a result has it, for those that have it."""
+    data = full_result(names=("iekf", "pf"))
+    assert particle_filters(data) == []
+    with pytest.raises(ValueError, match="keep='measurements'"):
+        draw_particle_health(data)
+    shape = data.sizes["trial"], data.sizes["time"], 1
+    for port, value in (("ancestors", 300.0), ("effective_particles", 6e3), ("recent_evidence", -0.2)):
+        data[f"{port}_pf"] = (("trial", "time", f"{port}_pf_row"), np.full(shape, value))
+    assert particle_filters(data) == ["pf"]
+    figure = draw_particle_health(data)
+    assert [axes.get_ylabel() for axes in figure.axes] == ["unique ancestors", "effective particles", "recent evidence"]
+    assert [len(axes.get_lines()) for axes in figure.axes] == [1, 1, 2]  # and the threshold of the evidence
+    assert "particles.png" in {path.name for path in study_figures(data, tmp_path)}

@@ -332,12 +332,15 @@ OWN_SENSOR = ("ra", "ra_paper", "bank")
 BEARINGS_ONLY = ("range_bank", "crossing", "ml")
 """The same, for those that locate by bearings alone, in test_bearing_locators."""
 
+SAMPLED = ("pf", "pf_sir")
+"""Those that draw particles: the same laws, exact or within their scatter, in test_particle_laws."""
+
 
 def estimators():
     """Return options of every registered estimator that takes any sensor, by a readable name."""
     cases = {}
     for name, path in ESTIMATORS.items():
-        if name in (*OWN_SENSOR, *BEARINGS_ONLY):
+        if name in (*OWN_SENSOR, *BEARINGS_ONLY, *SAMPLED):
             continue
         for i, options in enumerate(EXAMPLES.get(name) or [locate(path)()]):
             cases[f"{name} {i}" if i else name] = options

@@ -164,7 +164,7 @@ def make(
     return options.make(name.split()[0], model, motion or ConstantVelocity(0.1), start, wiring)
 
 
-def run(block, measurement, platforms, clock, end=None, log=None, inputs=None):
+def run(block, measurement, platforms, clock, end=None, log=None, inputs=None, first_trial=0):
     """Run one estimator block on given measurements; return times and what its ports carried.
 
     Parameters
@@ -177,6 +177,8 @@ def run(block, measurement, platforms, clock, end=None, log=None, inputs=None):
         When to record; by default at the ticks.
     inputs : mapping of str to ndarray, optional
         What further input ports carry.
+    first_trial : int
+        Number of the first trial, for what draws random numbers.
     """
     builder = DiagramBuilder()
     builder.AddSystem(block)
@@ -186,7 +188,7 @@ def run(block, measurement, platforms, clock, end=None, log=None, inputs=None):
     recorder = record(builder, {port: block.GetOutputPort(port) for port in PORTS}, log or clock)
     diagram = builder.Build()
     simulator = Simulator(diagram)
-    set_draw(diagram, simulator.get_mutable_context(), Draw(seed=11))
+    set_draw(diagram, simulator.get_mutable_context(), Draw(seed=11, first_trial=first_trial))
     simulator.Initialize()
     simulator.AdvanceTo(len(measurement) - 1.0 if end is None else end)
     times, values = recorder.result(simulator.get_context())

@@ -15,7 +15,7 @@ from systems.measurement.base import MeasurementModel
 from systems.measurement.stack import Stack
 from systems.motion.base import MotionModel
 from systems.registry import ESTIMATORS
-from tests.laws.cases import BEARINGS_ONLY, FILTERS, MEASUREMENTS, MOTIONS, OWN_SENSOR, estimators
+from tests.laws.cases import BEARINGS_ONLY, FILTERS, MEASUREMENTS, MOTIONS, OWN_SENSOR, SAMPLED, estimators
 from tests.laws.rig import make
 
 
@@ -52,6 +52,6 @@ def test_every_class_is_listed(package, base, listed):
 
 def test_every_registered_estimator_is_tried():
     cases = estimators()
-    assert {name.split()[0] for name in cases} == set(ESTIMATORS) - {*OWN_SENSOR, *BEARINGS_ONLY}
+    assert {name.split()[0] for name in cases} == set(ESTIMATORS) - {*OWN_SENSOR, *BEARINGS_ONLY, *SAMPLED}
     for name, options in cases.items():
         assert isinstance(make(name, options), Estimator)

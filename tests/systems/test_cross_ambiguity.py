@@ -105,6 +105,21 @@ def test_differences_hold_for_the_middle_of_the_main_block():
     assert_allclose(result.frequency, frequency, rtol=0, atol=0.02)
 
 
+@pytest.mark.parametrize("prefilter", [MATCHED, Everything(), Band(-BAND / 2, BAND / 2, known=False)])
+def test_a_doppler_shift_in_common(prefilter):
+    """Both hear the carrier 60 kHz off, as from low orbit: the difference is that of what is received.
+
+    Without regard to it the difference would be 5 kHz * 60 kHz / 3 GHz = 0.1 Hz off.
+    """
+    for sign in (-1, 1):
+        main, auxiliary = pair(120e-6, sign * 5e3, guard=GUARD, doppler=60e3)
+        function = CrossAmbiguity(prefilter=prefilter)
+        result = function(main, auxiliary, Window(120e-6, sign * 5e3, 20e-6, 600.0))
+        assert result.good[0]
+        assert_allclose(result.frequency, sign * 5e3, rtol=0, atol=0.02)
+        assert_allclose(result.delay, 120e-6, rtol=0, atol=0.3e-9)
+
+
 def test_start_times_count_and_the_tag_moves_with_them():
     """The same samples, said to begin later at the auxiliary receiver, arrive later there."""
     main, auxiliary = pair(30e-6, 100.0, size=16384, guard=GUARD)
@@ -271,7 +286,8 @@ def test_a_drifting_delay_is_followed():
     window = Window(52e-6, 9.02e3, 20e-6, 100.0)
     followed = CAF(main, auxiliary, window)
     assert_allclose(followed.delay, 50e-6, rtol=0, atol=0.05e-9)
-    assert_allclose(followed.frequency, 9e3, rtol=0, atol=0.005)
+    # the centre of so many symbols' spectrum, about which the drift is followed, is known to some kHz: 3e-6 of 9 kHz
+    assert_allclose(followed.frequency, 9e3, rtol=0, atol=0.02)
     plain = CrossAmbiguity(prefilter=MATCHED, follow_rate=False)(main, auxiliary, window)
     assert abs(plain.delay[0] - 50e-6) < 1e-9
 

@@ -42,7 +42,7 @@ class Reading:
         """Return measured minus predicted (len(which), N, m) for the clouds (len(which), n, N) of some trials."""
         everyone = which.size == self.measurement.shape[0]
         platforms = self.platforms if everyone else take(self.platforms, which)
-        predicted = self.model.predict(np.moveaxis(cloud, 1, -1), platforms[:, None])
+        predicted = self.model.predict(cloud.swapaxes(1, 2), platforms[:, None])
         return self.model.residual((self.measurement if everyone else self.measurement[which])[:, None], predicted)
 
 

@@ -25,11 +25,10 @@ def _cumulative(weights: Array) -> Array:
     return total / total[..., -1:]
 
 
-def _from_edges(edges: Array) -> Counts:
+def _from_edges(edges: Counts) -> Counts:
     """Return the differences of how many points lie below each particle's upper edge."""
-    whole = edges.astype(np.int64)
-    counts = whole.copy()
-    counts[..., 1:] -= whole[..., :-1]
+    counts = edges.copy()
+    counts[..., 1:] -= edges[..., :-1]
     return counts
 
 
@@ -48,9 +47,10 @@ def systematic(weights: Array, uniform: Array) -> Counts:
     ndarray of int, shape (..., N)
     """
     n = weights.shape[-1]
-    edges = np.ceil(n * _cumulative(weights) - uniform)
-    edges[..., -1] = n  # n - u rounds to n where u < 1e-16 n
-    return _from_edges(edges)
+    edges = n * _cumulative(weights)
+    below = edges.astype(np.int64)
+    # k + u < edge, without the rounding of edge - u, which could give a particle without weight a point
+    return _from_edges(below + (uniform < edges - below))
 
 
 def stratified(weights: Array, uniform: Array) -> Counts:

@@ -169,7 +169,7 @@ class ParticleUpdate:
         everyone = np.arange(trials)
         log_likelihood, white = likelihood(cloud.particles, everyone, residual)
         weight, _ = normalise(cloud.log_weight)
-        innovation, spread = moments(np.ascontiguousarray(np.moveaxis(white, -1, 1)), weight)
+        innovation, spread = moments(np.ascontiguousarray(white.swapaxes(1, 2)), weight)
         spread = spread + np.eye(white.shape[-1])
         del white
 

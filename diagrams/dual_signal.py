@@ -1,0 +1,331 @@
+"""From the emitter's waveform to TDOA and FDOA: what two satellites that relay samples consist of.
+
+Emitter, main and auxiliary receiver, inter-satellite link, direction finding and cross-ambiguity function are blocks;
+the window in which the peak is sought comes from a track's prediction or from the direction.
+"""
+
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from diagrams.errors import UserError
+from systems.ambiguity.estimate import CrossAmbiguity
+from systems.ambiguity.prefilter import Everything, Matched, Prefilter
+from systems.ambiguity.variance import exact
+from systems.clocks import Periodic
+from systems.documented import choice, count, documented, number
+from systems.frames import inertial_to_earth_fixed
+from systems.iq import modulation, pulse_train
+from systems.iq.waveform import Waveform
+from systems.measurement.base import SPEED_OF_LIGHT
+from systems.measurement.direction import BodyDirection
+from systems.measurement.fdoa import Fdoa
+from systems.measurement.tdoa import Tdoa
+from systems.measurement.visibility import Mask
+from systems.plants.orbit import DenseOrbit
+from systems.plants.transmitter import Transmitter
+from systems.sensors.cross_ambiguity import QUALITY, CrossAmbiguitySensor
+from systems.sensors.inter_satellite_link import InterSatelliteLink
+from systems.sensors.joined import JoinedMeasurements, Part
+from systems.sensors.receiver import Receiver
+from systems.sensors.search_window import SearchWindow
+
+__all__ = [
+    "QUALITY",
+    "BandLimitedNoise",
+    "Drawn",
+    "PulseTrain",
+    "Qpsk",
+    "Signal",
+    "SignalChain",
+    "add_signal_chain",
+    "predicted_sigmas",
+    "prefilter_of",
+    "waveform_of",
+]
+
+Array = NDArray[np.float64]
+
+_SAMPLES_AT_ONCE = 2e6  # of one receiver in all trials: noise, sums and copies are some 200 bytes for each
+
+
+@dataclass
+class Drawn:
+    """TDOA and FDOA are drawn, with the errors that `truth` states."""
+
+
+@dataclass
+class Qpsk:
+    """Four-phase keying with root-raised-cosine pulses."""
+
+    symbol_rate_mbd: float = number("symbol rate [MBd]", 2.0, above=0)
+    roll_off: float = number("roll-off of the pulses", 0.25, above=0, at_most=1)
+
+
+@dataclass
+class BandLimitedNoise:
+    """Gaussian noise with a flat spectrum."""
+
+    band_mhz: float = number("width of the whole band [MHz]", 2.5, above=0)
+    roll_off: float = number("share of the cosine edges", 0.25, above=0, at_most=1)
+
+
+@dataclass
+class PulseTrain:
+    """Coherent linear-FM pulses; the FDOA is ambiguous by the pulse rate."""
+
+    sweep_mhz: float = number("sweep within a pulse [MHz]", 2.0, above=0)
+    width_us: float = number("length of a pulse [us]", 50.0, above=0)
+    interval_ms: float = number("pulse repetition interval [ms]", 1.0, above=0)
+    edge: float = number("share of the raised-cosine edges in a pulse", 0.1, at_least=0, at_most=1)
+
+
+@dataclass
+class Signal:
+    """TDOA and FDOA come from I/Q samples by the cross-ambiguity function."""
+
+    waveform: Qpsk | BandLimitedNoise | PulseTrain = documented(
+        "what the emitter sends: !Qpsk, !BandLimitedNoise or !PulseTrain", factory=Qpsk
+    )
+    sample_rate_mhz: float = number("complex samples per second [MHz]", 4.0, above=0)
+    samples: int = count("samples that are integrated at every epoch", 65536, at_least=1024)
+    snr_main_db: float = number(
+        "signal-to-noise ratio at the main satellite, noise counted in the whole sample rate [dB]", -12.0
+    )
+    snr_auxiliary_db: float = number("the same at the auxiliary satellite [dB]", -12.0)
+    gain_main: float = number("amplification of the main satellite's channel", 1.0, above=0)
+    gain_auxiliary: float = number("the same of the auxiliary satellite's", 0.7, above=0)
+    link_bits: int = count("bits of I and of Q on the inter-satellite link; 0: not quantised", 8, at_least=0)
+    link_delay_us: float = number("delay of the link, known to the main satellite [us]", 334.0)
+    link_delay_error_ns: float = number("part of it that is not known: an error of the TDOA [ns]", 0.0)
+    prefilter: str = choice(
+        "matched: both channels pass a filter matched to the waveform; none: they do not",
+        "matched",
+        ("matched", "none"),
+    )
+    window: str = choice(
+        "where the peak is sought. prediction: about the first estimator's prediction, and where there is none yet as "
+        "direction; direction: about where the direction reaches an assumed height, at rest",
+        "prediction",
+        ("prediction", "direction"),
+    )
+    window_sigmas: float = number("half of the window in standard deviations of what is expected", 5.0, above=0)
+    window_least_us: float = number("least half-width in delay [us]", 2.0, above=0)
+    window_least_hz: float = number("least half-width in frequency [Hz]", 150.0, above=0)
+    window_largest_hz: float | None = number(
+        "largest half-width in frequency [Hz]; null: none. A pulse train needs one below half of its pulse rate",
+        None,
+        above=0,
+    )
+    window_height_km: float = number("height that is assumed with a direction [km]", 10.0, above=-1, at_most=500)
+    window_sigma_height_km: float = number("its standard deviation [km]", 3.0, above=0)
+    window_sigma_velocity_mps: float = number("standard deviation of the velocity per axis [m/s]", 200.0, above=0)
+    confidence: float = number(
+        "a peak is good if noise alone stays below it with this probability", 0.99, above=0, at_most=0.999999
+    )
+    gate: bool = documented("whether what is not good is a missing measurement; false: all is passed on", True)
+
+
+@dataclass(frozen=True)
+class SignalChain:
+    """What the estimators get.
+
+    Attributes
+    ----------
+    measurement, noise_covariance : OutputPort
+        Direction, TDOA, FDOA and their R.
+    window : SearchWindow
+        Where the prediction is fed back to, unless `feedback` is False.
+    feedback : bool
+        Whether it is.
+    quality : OutputPort
+        See `QUALITY`.
+    differences_covariance : OutputPort
+        What the cross-ambiguity function says of its own errors.
+    widest : int
+        Most trials at once, for the memory that samples take.
+    """
+
+    measurement: OutputPort
+    noise_covariance: OutputPort
+    window: SearchWindow
+    feedback: bool
+    quality: OutputPort
+    differences_covariance: OutputPort
+    widest: int
+
+
+def waveform_of(signal: Signal) -> Waveform:
+    """Return the waveform of a scenario."""
+    given = signal.waveform
+    if isinstance(given, Qpsk):
+        return modulation.Qpsk(given.symbol_rate_mbd * 1e6, given.roll_off)
+    if isinstance(given, BandLimitedNoise):
+        return modulation.BandLimitedNoise(given.band_mhz * 1e6, given.roll_off)
+    return pulse_train.PulseTrain(given.sweep_mhz * 1e6, given.width_us * 1e-6, given.interval_ms * 1e-3, given.edge)
+
+
+def prefilter_of(signal: Signal) -> Prefilter:
+    """Return the prefilter of a scenario."""
+    return Matched(waveform_of(signal)) if signal.prefilter == "matched" else Everything()
+
+
+def predicted_sigmas(signal: Signal) -> tuple[float, float]:
+    """Return the standard deviations of TDOA [s] and FDOA [Hz] to first order in the noise.
+
+    They are what bounds are computed with; the estimators get those that the samples of every epoch show.
+    """
+    rate = signal.sample_rate_mhz * 1e6
+    matched = Matched(waveform_of(signal))
+    moments = matched.moments(rate)
+    if signal.prefilter == "none":
+        moments = type(moments)(moments.frequency, moments.step, np.ones_like(moments.weight), moments.spectrum)
+    snr = (10 ** (decibels / 10) for decibels in (signal.snr_main_db, signal.snr_auxiliary_db))
+    sigmas = exact(moments, rate, signal.samples / rate, *snr)
+    return float(sigmas.delay), float(sigmas.frequency)
+
+
+def _longest_baseline(orbit: DenseOrbit, duration: float, earth_rate: float) -> float:
+    """Return the largest distance of the two satellites [m], with a per mille to spare."""
+    times = np.linspace(0.0, duration, 31)
+    places = inertial_to_earth_fixed(orbit.at(times), times[:, None], earth_rate)[..., :3]
+    return 1.001 * float(np.linalg.norm(places[:, 1] - places[:, 0], axis=-1).max())
+
+
+def add_signal_chain(
+    builder: DiagramBuilder,
+    signal: Signal,
+    direction: tuple[BodyDirection, OutputPort],
+    differences: tuple[Tdoa, Fdoa],
+    orbit: DenseOrbit,
+    duration: float,
+    clock: Periodic,
+    trials: int,
+    truth: OutputPort,
+    mask: Mask,
+) -> SignalChain:
+    """Put waveform, receivers, link, search window and cross-ambiguity function into a diagram.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+        The diagram.
+    signal : Signal
+        The scenario's part.
+    direction : tuple of BodyDirection and OutputPort
+        The direction as the estimators believe it to be measured, and its measurement.
+    differences : tuple of Tdoa and Fdoa
+        The difference models that the estimators believe in.
+    orbit : DenseOrbit
+        The main and the auxiliary satellite.
+    duration : float
+        Of the run [s].
+    clock : Periodic
+        When samples are taken.
+    trials : int
+        Trials of the noise.
+    truth : OutputPort
+        State of the emitter.
+    mask : Mask
+        Who sees whom.
+    """
+    tdoa, fdoa = differences
+    waveform = waveform_of(signal)
+    if signal.sample_rate_mhz * 1e6 < waveform.bandwidth:
+        raise UserError(
+            f"sensing.sample_rate_mhz: {signal.sample_rate_mhz:g} is not allowed; at least the waveform's band, "
+            f"{waveform.bandwidth / 1e6:g} MHz"
+        )
+    if signal.window_largest_hz is not None and signal.window_largest_hz < signal.window_least_hz:
+        raise UserError(
+            f"sensing.window_largest_hz: {signal.window_largest_hz:g} is not allowed; at least window_least_hz, "
+            f"{signal.window_least_hz:g}"
+        )
+    platforms = orbit.GetOutputPort("state")
+    truth_trials, truth_size = truth.get_system().output_size(truth.get_name())
+    rate = signal.sample_rate_mhz * 1e6
+    longest = _longest_baseline(orbit, duration, orbit.constants.earth_rate) / SPEED_OF_LIGHT
+    transmitter = builder.AddSystem(Transmitter(waveform, fdoa.carrier))
+    receivers = []
+    for platform, (name, snr, gain) in enumerate(
+        (
+            ("main_receiver", signal.snr_main_db, signal.gain_main),
+            ("auxiliary_receiver", signal.snr_auxiliary_db, signal.gain_auxiliary),
+        )
+    ):
+        receiver = builder.AddSystem(
+            Receiver(
+                platform,
+                clock,
+                trials,
+                2,
+                rate,
+                signal.samples,
+                # the auxiliary satellite relays more on both sides, so that all delays find their samples
+                platform * math.ceil(longest * rate),
+                snr,
+                gain,
+                orbit.constants,
+                target_trials=truth_trials,
+                target_size=truth_size,
+                mask=mask,
+                name=name,
+            )
+        )
+        builder.Connect(truth, receiver.GetInputPort("target"))
+        builder.Connect(platforms, receiver.GetInputPort("platforms"))
+        builder.Connect(transmitter.GetOutputPort("emission"), receiver.GetInputPort("emission"))
+        receivers.append(receiver)
+    delay = signal.link_delay_us * 1e-6
+    link = builder.AddSystem(
+        InterSatelliteLink(delay + signal.link_delay_error_ns * 1e-9, delay, signal.link_bits or None)
+    )
+    builder.Connect(receivers[1].GetOutputPort("iq"), link.GetInputPort("iq"))
+
+    model, measured = direction
+    feedback = signal.window == "prediction"
+    window = builder.AddSystem(
+        SearchWindow(
+            model,
+            tdoa,
+            fdoa,
+            trials,
+            2,
+            signal.window_least_us * 1e-6,
+            signal.window_least_hz,
+            signal.window_sigmas,
+            signal.window_height_km * 1e3,
+            signal.window_sigma_height_km * 1e3,
+            signal.window_sigma_velocity_mps,
+            max(longest, signal.window_least_us * 1e-6),
+            signal.window_largest_hz or math.inf,
+            feedback,
+        )
+    )
+    builder.Connect(measured, window.GetInputPort("direction"))
+    builder.Connect(platforms, window.GetInputPort("platforms"))
+    function = CrossAmbiguity(signal.samples, prefilter_of(signal), signal.confidence)
+    ambiguity = builder.AddSystem(CrossAmbiguitySensor(function, None, clock, trials, keep_flagged=not signal.gate))
+    builder.Connect(receivers[0].GetOutputPort("iq"), ambiguity.GetInputPort("main"))
+    builder.Connect(link.GetOutputPort("iq"), ambiguity.GetInputPort("auxiliary"))
+    builder.Connect(window.GetOutputPort("window"), ambiguity.GetInputPort("window"))
+
+    joined = builder.AddSystem(
+        JoinedMeasurements({"direction": Part(2, model.noise_covariance()), "differences": Part(2)}, trials)
+    )
+    builder.Connect(measured, joined.GetInputPort("direction"))
+    builder.Connect(ambiguity.GetOutputPort("measurement"), joined.GetInputPort("differences"))
+    builder.Connect(ambiguity.GetOutputPort("noise_covariance"), joined.GetInputPort("differences_noise_covariance"))
+    return SignalChain(
+        joined.GetOutputPort("measurement"),
+        joined.GetOutputPort("noise_covariance"),
+        window,
+        feedback,
+        ambiguity.GetOutputPort("quality"),
+        ambiguity.GetOutputPort("noise_covariance"),
+        max(1, int(_SAMPLES_AT_ONCE / signal.samples)),
+    )

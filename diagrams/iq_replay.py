@@ -1,0 +1,198 @@
+"""Replay of I/Q recordings of one's own: ``quietfix replay iq FILE FILE [...]``, TDOA and FDOA against time."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder
+from rich.table import Table
+
+from diagrams.errors import UserError
+from diagrams.iq_pairs import PairResult, add_pairs, pair_result, simulate
+from diagrams.iq_settings import Settings
+from diagrams.replay import Dataset
+from diagrams.sigmf_file import IqRecording, read_sigmf
+from systems.ambiguity.estimate import CrossAmbiguity
+from systems.iq.block import IqBlock
+from systems.recorder import record
+
+__all__ = ["DATASET", "IqReplay", "Settings", "compare"]
+
+Array = NDArray[np.float64]
+
+
+def _blocks(recordings: Sequence[IqRecording]) -> tuple[dict[str, IqBlock], bool]:
+    """Return blocks by name in the time since the first sample of all, and whether the files say when they begin."""
+    rates = {one.sample_rate for one in recordings}
+    if len(rates) > 1:
+        text = ", ".join(f"{one.name} {one.sample_rate:.10g} Hz" for one in recordings)
+        raise UserError(f"FILE: sample rates that differ are not allowed ({text}); resample them to one rate first")
+    stamps = [one.start for one in recordings]
+    dated = [stamp for stamp in stamps if stamp is not None]
+    if dated and len(dated) < len(stamps):
+        silent = next(one.name for one in recordings if one.start is None)
+        raise UserError(f"FILE: {silent} does not say when it begins (core:datetime); all recordings must, or none")
+    first = min(dated, default=(0, 0.0))
+    blocks: dict[str, IqBlock] = {}
+    for i, one in enumerate(recordings):
+        # whole seconds apart, so that no digit of the fractions is lost
+        begin = 0.0 if one.start is None else (one.start[0] - first[0]) + (one.start[1] - first[1])
+        name = one.name if one.name not in blocks else f"{one.name} ({i + 1})"
+        blocks[name] = IqBlock(one.samples, one.sample_rate, one.frequency, begin)
+    return blocks, bool(dated)
+
+
+def compare(recordings: Sequence[IqRecording], settings: Settings | None = None) -> IqReplay:
+    """Compare every recording with the first one, in one diagram.
+
+    Parameters
+    ----------
+    recordings : sequence of IqRecording
+        At least two.
+    settings : Settings, optional
+        How they are compared.
+
+    Raises
+    ------
+    UserError
+        If there are fewer than two, they do not fit each other, or a setting is not allowed.
+    """
+    settings = settings or Settings()
+    if len(recordings) < 2:
+        raise UserError(f"FILE: {len(recordings)} recording(s) are not allowed; two or more are compared")
+    blocks, dated = _blocks(recordings)
+    begin = max(block.start_time[0] for block in blocks.values())
+    shared = min(block.start_time[0] + block.duration for block in blocks.values()) - begin
+    length = settings.integration_s or min(0.1, max(shared, 0.0) / 16)
+    every = settings.every_s or length
+    try:
+        function = CrossAmbiguity(prefilter=settings.prefilter, confidence=settings.confidence, follow_rate=False)
+        builder = DiagramBuilder()
+        pairs = [(0, j) for j in range(1, len(blocks))]
+        compared = add_pairs(builder, blocks, pairs, function, settings.window, length, every)
+    except ValueError as error:
+        raise UserError(f"iq: {error}") from error
+    recorder = record(builder, compared.ports(), compared.clock)
+    times, logs = simulate(builder.Build(), recorder, compared.end)
+    names = list(blocks)
+    return IqReplay(settings, dated, length, times, [pair_result(names, pair, logs) for pair in pairs])
+
+
+@dataclass(frozen=True, eq=False)
+class IqReplay:
+    """What came out of a comparison of recordings.
+
+    Attributes
+    ----------
+    settings : Settings
+    dated : bool
+        Whether the files say when they begin; otherwise they were taken to begin together.
+    length : float
+        Integration time [s].
+    times : ndarray, shape (samples,)
+        Middle of each comparison at the first receiver, since the first sample of all [s].
+    pairs : list of PairResult
+        Each recording against the first.
+    """
+
+    settings: Settings
+    dated: bool
+    length: float
+    times: Array
+    pairs: list[PairResult] = field(default_factory=list)
+
+    def table(self) -> Table:
+        """See `Replay.table`."""
+        table = Table(title=f"{self.times.size} comparisons of {1e3 * self.length:.4g} ms with {self.pairs[0].main}")
+        for head in ("recording", "TDOA, us", "scatter", "sigma", "FDOA, Hz", "scatter", "sigma", "peak, dB", "found"):
+            table.add_column(head, justify="left" if head == "recording" else "right")
+        for pair in self.pairs:
+            good = pair.good
+            if not good.any():
+                table.add_row(pair.auxiliary, *["-"] * 7, f"0 of {good.size}")
+                continue
+            table.add_row(
+                pair.auxiliary,
+                f"{1e6 * np.median(pair.tdoa[good]):.4f}",
+                f"{1e6 * pair.tdoa[good].std():.4f}",
+                f"{1e6 * np.median(pair.sigma_tdoa[good]):.4f}",
+                f"{np.median(pair.fdoa[good]):.3f}",
+                f"{pair.fdoa[good].std():.3f}",
+                f"{np.median(pair.sigma_fdoa[good]):.3f}",
+                f"{10 * np.log10(np.median(pair.peak[good])):.1f}",
+                f"{np.count_nonzero(good)} of {good.size}",
+            )
+        return table
+
+    def notes(self) -> list[str]:
+        """See `Replay.notes`."""
+        lines = ["differences: that recording minus the first; medians over time"]
+        if not self.dated:
+            lines.append("the files do not say when they begin (core:datetime); they were taken to begin together")
+        lines += [f"{pair.auxiliary}: flagged: {reasons}" for pair in self.pairs if (reasons := pair.reasons())]
+        return lines
+
+    def summary(self) -> Mapping[str, Any]:
+        """See `Replay.summary`."""
+        return {
+            "integration_s": self.length,
+            "settings": vars(self.settings),
+            "time_s": self.times.tolist(),
+            "pairs": {
+                f"{pair.auxiliary} - {pair.main}": {
+                    "tdoa_s": _listed(pair.tdoa),
+                    "sigma_tdoa_s": _listed(pair.sigma_tdoa),
+                    "fdoa_hz": _listed(pair.fdoa),
+                    "sigma_fdoa_hz": _listed(pair.sigma_fdoa),
+                    "peak_to_noise": _listed(pair.peak),
+                    "flag": pair.flag.tolist(),
+                }
+                for pair in self.pairs
+            },
+        }
+
+    def draw(self, folder: Path) -> list[Path]:
+        """See `Replay.draw`: the figure, and the same numbers as CSV."""
+        from diagrams.figures.iq_replay import draw_differences
+        from diagrams.figures.style import save
+
+        return [save(draw_differences(self), folder / "differences.png"), self._write(folder / "differences.csv")]
+
+    def _write(self, path: Path) -> Path:
+        with path.open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(
+                ["time_s", "main", "auxiliary", "tdoa_s", "sigma_tdoa_s", "fdoa_hz", "sigma_fdoa_hz", "flag"]
+            )
+            for pair in self.pairs:
+                columns = (pair.tdoa, pair.sigma_tdoa, pair.fdoa, pair.sigma_fdoa)
+                for k, time in enumerate(self.times):
+                    numbers = [f"{column[k]:.12g}" if np.isfinite(column[k]) else "" for column in columns]
+                    writer.writerow([f"{time:.9f}", pair.main, pair.auxiliary, *numbers, int(pair.flag[k])])
+        return path
+
+
+def _listed(values: Array) -> list[float | None]:
+    return [float(value) if math.isfinite(value) else None for value in values]
+
+
+def _run(files: Sequence[Path], progress: bool, settings: Settings) -> IqReplay:
+    return compare([read_sigmf(file) for file in files], settings)
+
+
+DATASET = Dataset(
+    name="iq",
+    folder="",
+    source="SigMF recordings of your own (https://sigmf.org), of one sample rate",
+    run=_run,
+    takes_file=True,
+    least_files=2,
+    settings=Settings,
+)

@@ -1,0 +1,140 @@
+"""Recordings with GPS stamps: the reader, the common base of time, and the block that plays a recording."""
+
+import struct
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pydrake.systems.framework import DiagramBuilder
+
+from systems.clocks import Periodic
+from systems.iq.block import IqBlock
+from systems.iq.kiwi import GpsRecording, common_base, read_kiwi
+from systems.iq.resample import interpolate, resampled
+from systems.sensors.recorded_iq import RecordedIq
+
+RATE, START = 12001.06, 370358.25
+
+
+def kiwi_file(path, samples=None, rate=RATE, start=START, stale=2, blocks=40, jitter=0.0, form=(1, 2, 16), drop=0):
+    """Write such a file; samples as complex whole numbers."""
+    n = 512 * blocks
+    if samples is None:
+        samples = (np.arange(n) % 1000) - 1j * (np.arange(n) % 77)
+    head = struct.pack("<HHIIHH", form[0], form[1], 12001, 48004, 4, form[2])
+    body = b"WAVE" + b"fmt " + struct.pack("<I", 16) + head
+    for k in range(blocks):
+        stamp = 12345.5 if k < stale else start + 512 * k / rate + jitter * (-1) ** k
+        body += b"kiwi" + struct.pack("<IBBII", 10, 1, 0, int(stamp), round(stamp % 1 * 1e9))
+        part = samples[512 * k : 512 * (k + 1)]
+        both = np.stack([part.real, part.imag], axis=-1).astype("<i2").tobytes()
+        body += b"data" + struct.pack("<I", len(both)) + both
+    data = b"RIFF" + struct.pack("<I", len(body)) + body
+    path.write_bytes(data[: len(data) - drop])
+    return samples
+
+
+@pytest.mark.parametrize("stale", [0, 1, 3])
+def test_reader(tmp_path, stale):
+    written = kiwi_file(tmp_path / "a.wav", stale=stale)
+    read = read_kiwi(tmp_path / "a.wav")
+    assert_array_equal(read.samples, written)
+    assert read.stale == stale
+    assert_allclose(read.sample_rate, RATE, rtol=1e-9)
+    assert_allclose(read.start, START, rtol=0, atol=5e-9)  # stamps are whole nanoseconds
+    assert_allclose(read.end - read.start, (512 * 40 - 1) / RATE, rtol=1e-9)
+    assert read.scatter < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"drop": 3}, "cut off at byte"),
+        ({"form": (1, 1, 16)}, "format is not allowed"),
+        ({"form": (1, 2, 8)}, "format is not allowed"),
+        ({"blocks": 5}, "5 stamps are not allowed"),
+        ({"jitter": 1e-5}, "off a steady clock"),
+        ({"stale": 30}, "not a steady clock"),
+    ],
+)
+def test_broken_files_are_named(tmp_path, options, said):
+    kiwi_file(tmp_path / "bad.wav", **options)
+    with pytest.raises(ValueError, match=rf"bad\.wav.*{said}"):
+        read_kiwi(tmp_path / "bad.wav")
+
+
+def test_other_files(tmp_path):
+    (tmp_path / "text.wav").write_text("latitude")
+    with pytest.raises(ValueError, match="does not begin with RIFF"):
+        read_kiwi(tmp_path / "text.wav")
+    kiwi_file(tmp_path / "plain.wav")
+    data = (tmp_path / "plain.wav").read_bytes().replace(b"kiwi", b"note")
+    (tmp_path / "plain.wav").write_bytes(data)
+    with pytest.raises(ValueError, match=r"0 stamps .* and 40 blocks"):
+        read_kiwi(tmp_path / "plain.wav")
+
+
+def test_interpolation():
+    """A band of 0.8 of the sample rate, exact at any time; the ends have to be left out."""
+    rng = np.random.default_rng(0)
+    tones, phase = rng.uniform(-0.4, 0.4, 20), rng.uniform(0, 2 * np.pi, 20)
+
+    def signal(n):
+        return np.exp(1j * (2 * np.pi * tones * n[:, None] + phase)).sum(axis=-1)
+
+    n = np.arange(400.0)
+    place = np.arange(40.3, 360, 0.93)
+    both = np.stack([signal(n), 2 * signal(n)])
+    # -90 dB of the window, times twenty tones
+    assert_allclose(interpolate(both, place), [signal(place), 2 * signal(place)], atol=2e-3)
+    assert_allclose(interpolate(both[0], n), both[0], atol=1e-9)
+    assert_array_equal(interpolate(both[0], np.array([-500.0, 1e6])), 0.0)
+
+
+def test_resampled_blocks_keep_their_time():
+    block = IqBlock(np.exp(2j * np.pi * 0.05 * np.arange(1000)), 1000.0, 5.0, 7.0)
+    other = resampled(block, 900.0)
+    assert other.sample_rate == 900.0 and other.centre_frequency == 5.0 and other.start_time[0] == 7.0
+    assert other.size == 900
+    expected = np.exp(2j * np.pi * 50.0 * np.arange(900) / 900.0)
+    assert_allclose(other.samples[0, 50:850], expected[50:850], atol=1e-3)
+
+
+def test_common_base():
+    """A tone heard by two receivers that begin at different times with different rates: the same samples."""
+    recordings = []
+    for start, rate, count in ((100.2, 12001.0, 5000), (100.25, 11999.5, 4000)):
+        time = start + np.arange(count) / rate
+        recordings.append(GpsRecording(np.exp(2j * np.pi * 300.0 * time), start, rate, 0, 0.0))
+    blocks, begin = common_base(recordings, 12000.0, 77500.0)
+    assert begin == 100.25 and blocks[0].size == blocks[1].size == 4000
+    inner = slice(50, -50)
+    time = begin + np.arange(blocks[0].size) / 12000.0
+    for block in blocks:
+        assert_allclose(block.samples[0, inner], np.exp(2j * np.pi * 300.0 * time)[inner], atol=1e-4)
+    late = GpsRecording(recordings[0].samples, 200.0, 12001.0, 0, 0.0)
+    with pytest.raises(ValueError, match="no time in common"):
+        common_base([recordings[0], late], 12000.0, 77500.0)
+
+
+def test_a_recording_is_played():
+    whole = IqBlock(np.arange(100) + 0j, 10.0, 3.0, 2.0)
+    builder = DiagramBuilder()
+    block = builder.AddSystem(RecordedIq(whole, Periodic(1.0, 3.0), samples=5, margin=3))
+    context = builder.Build().CreateDefaultContext()
+
+    def played(time):
+        context.SetTime(time)
+        return block.GetOutputPort("iq").Eval(block.GetMyContextFromRoot(context))
+
+    iq = played(4.0)  # 2 s after the first sample: number 20 is the middle
+    assert_array_equal(iq.samples[0].real, np.arange(15, 26))
+    assert_allclose(iq.mid_time, 4.0)
+    assert_allclose(iq.start_time, 3.5)
+    assert np.isnan(played(4.5).samples).all() and played(4.5).size == 5
+    assert_array_equal(played(12.0).samples[0].real, np.arange(95, 100))  # what there is
+    assert np.isnan(played(30.0).samples).all()
+    with pytest.raises(ValueError, match="100 samples are not allowed; at least the 101"):
+        RecordedIq(whole, Periodic(1.0), 101)
+    with pytest.raises(ValueError, match="margin"):
+        RecordedIq(whole, Periodic(1.0), 10, -1)
