@@ -233,13 +233,12 @@ class ParticleEstimator(Estimator):
         for group in self._groups_of_trials():
             index, here, own = np.arange(group.start, group.stop), memory["mean"][group], motion
             if motion.input_size:
-                held = carried["motion_input"][group]
-                own = motion.driven(np.where(np.isfinite(held), held, 0.0))
-                moving = motion.driven(held[:, None])
+                own = motion.driven(carried["motion_input"][group])
+                moving = motion.driven(carried["motion_input"][group, None])
             else:
                 moving = motion
             particles[group] = moving.propagate(cloud.particles[group].swapaxes(1, 2), dt).swapaxes(1, 2)
-            # a trial that has not started or is lost has no process noise to speak of, and no input either
+            # a trial that has not started or is lost has no process noise to speak of
             noise = own.process_noise(np.where(np.isfinite(here), here, 1.0), dt)
             if noise.any():
                 root = _noise_root(noise.tobytes(), noise.shape)
