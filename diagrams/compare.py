@@ -6,6 +6,7 @@ All estimators sit in one diagram on one stream of measurements, so every compar
 from __future__ import annotations
 
 import copy
+import dataclasses
 import math
 import platform
 import sys
@@ -52,6 +53,10 @@ Array = NDArray[np.float64]
 STANDARD = ("ekf", "iekf", "ukf", "pf")
 """Estimators of the registry that every system is asked to take."""
 
+_LIGHT: Mapping[str, Mapping[str, Any]] = {"pf": {"particles": 1000}, "pf_sir": {"particles": 1000}}
+"""Options of those that cost a thousand times as much as a Kalman filter, where nobody asked for them by name."""
+
+_MOST = 200_000  # epochs times trials for which such a one is added unasked: some minutes
 _ALL, _DEFAULT = "all", "default"
 _EPOCHS = 500  # the mean over time and the curves are taken over at most about so many
 
@@ -71,11 +76,14 @@ class Lineup:
         The estimators side by side.
     left_out : mapping of str to str
         Estimators that the system cannot take, and what it says.
+    lighter : mapping of str to mapping
+        Options other than their own defaults, of estimators that were added unasked.
     """
 
     scenario: Any
     names: list[str]
     left_out: Mapping[str, str] = field(default_factory=dict)
+    lighter: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 def line_up(system: str, scenario: Any, wanted: Sequence[str] | None = None) -> Lineup:
@@ -100,6 +108,7 @@ def line_up(system: str, scenario: Any, wanted: Sequence[str] | None = None) -> 
     scenario = copy.deepcopy(scenario)
     names: list[str] = []
     left_out: dict[str, str] = {}
+    lighter: dict[str, Mapping[str, Any]] = {}
     for asked in wanted or [_DEFAULT]:
         if asked not in (_DEFAULT, _ALL):
             names += select_estimators(scenario, [asked])
@@ -111,9 +120,12 @@ def line_up(system: str, scenario: Any, wanted: Sequence[str] | None = None) -> 
             reason = _refusal(system, scenario, extra)
             if reason is None:
                 names += select_estimators(scenario, [extra])
+                if extra in _LIGHT:
+                    lighter[extra] = _LIGHT[extra]
+                    scenario.estimators[extra] = dataclasses.replace(scenario.estimators[extra], **_LIGHT[extra])
             else:
                 left_out[extra] = reason
-    return Lineup(scenario, list(dict.fromkeys(names)), left_out)
+    return Lineup(scenario, list(dict.fromkeys(names)), left_out, lighter)
 
 
 def _refusal(system: str, scenario: Any, name: str) -> str | None:
@@ -190,12 +202,19 @@ def prepare(
     chosen = line_up(name, scenario, estimators)
     if not chosen.names:
         raise UserError("estimators: none is given; at least one is needed")
-    options: dict[str, Any] = {"variant": variant, "scenario": chosen.scenario, "estimators": chosen.names}
-    options |= {"trials": trials, "seed": seed}
-    study = ComparedStudy(name, **options)
-    probe, _, _ = study.wire(1)
-    every = math.ceil(len(probe.clock.ticks(probe.duration)) / _EPOCHS)
-    return (study if every == 1 else ComparedStudy(name, every=every, **options)), chosen
+    options: dict[str, Any] = {"variant": variant, "trials": trials, "seed": seed}
+    probe, _, _ = ComparedStudy(name, scenario=chosen.scenario, estimators=chosen.names[:1], **options).wire(1)
+    epochs = len(probe.clock.ticks(probe.duration))
+    if epochs * trials > _MOST and chosen.lighter:
+        too_many = f"{epochs} epochs of {trials} trials would take it very long; --estimator asks for it all the same"
+        chosen = dataclasses.replace(
+            chosen,
+            names=[one for one in chosen.names if one not in chosen.lighter],
+            left_out={**chosen.left_out, **dict.fromkeys(chosen.lighter, too_many)},
+            lighter={},
+        )
+    options |= {"scenario": chosen.scenario, "estimators": chosen.names}
+    return ComparedStudy(name, every=math.ceil(epochs / _EPOCHS), **options), chosen
 
 
 def compare(
@@ -333,6 +352,7 @@ def statistics(
         "feedback": study.feedback,
         "note": dataset.attrs.get("note", ""),
         "left_out": dict(chosen.left_out),
+        "lighter": {name: dict(options) for name, options in chosen.lighter.items()},
         "estimators": rows,
         "best": {
             metric: _best([n for n in names if rows[n]["causal"]], names, replicates, column, confidence)

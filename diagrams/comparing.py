@@ -133,7 +133,9 @@ def comparison_markdown(found: Sequence[Mapping[str, Any]]) -> str:
         lines += [f"| {n} | " + " | ".join(row[1:]) + " |" for n, row in zip(named, _rows(one), strict=True)]
     first = found[0]
     seconds = ", ".join(f"{one['system']} {one['run_seconds']:.0f} s" for one in found)
-    lines += ["", f"{first['trials']} trials, seed {first['seed']}; {first['machine']}; {seconds}. {_legend(first)}"]
+    extra = [f"{one['system']}: {line}." for one in found for line in _lighter(one)]
+    extra += [f"{one['system']}: left out: {n}: {why}." for one in found for n, why in one["left_out"].items()]
+    lines += ["", f"{first['trials']} trials, seed {first['seed']}; {first['machine']}; {seconds}. {_legend(first)}", *extra]
     return "\n".join(lines) + "\n"
 
 
@@ -193,9 +195,18 @@ def print_notes(found: Mapping[str, Any]) -> None:
         )
     if found["note"]:
         print(found["note"])
+    for line in _lighter(found):
+        print(line)
     for name, reason in found["left_out"].items():
         print(f"left out: {name}: {reason}")
     print(f"{found['machine']}; {found['run_seconds']:.1f} s")
+
+
+def _lighter(found: Mapping[str, Any]) -> list[str]:
+    return [
+        f"{name}: added with " + ", ".join(f"{key} = {value}" for key, value in options.items())
+        for name, options in found["lighter"].items()
+    ]
 
 
 def _ratio(value: float | None) -> str:
