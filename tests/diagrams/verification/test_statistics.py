@@ -45,7 +45,7 @@ def test_proportions_are_clopper_and_pearsons(true):
 
 
 def test_a_mean_is_that_of_scipys_bootstrap_where_nothing_is_skewed():
-    """BCa, another method, on 400 symmetric numbers: within a tenth of the width, half of it for the worst trial twice."""
+    """BCa, another method, on symmetric numbers: within a tenth of the width, half of it for the worst trial twice."""
     values = 10 + np.random.default_rng(3).standard_normal(400)
     other = bootstrap((values,), np.mean, confidence_level=0.9, rng=np.random.default_rng(1)).confidence_interval
     width = other.high - other.low
