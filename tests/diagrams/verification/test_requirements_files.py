@@ -1,4 +1,4 @@
-"""The project's own requirements files; pytest judges them in the slow suite, here they only have to fit the systems."""
+"""The project's own requirements files: pytest judges them in the slow suite, here they only have to fit."""
 
 import pytest
 
