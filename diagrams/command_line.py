@@ -246,7 +246,7 @@ def replay(
     file: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[FILE]...",
+            metavar="[FILE]",
             help="For `bearings`: a CSV file with columns time_s, x_m and y_m (or latitude_deg and longitude_deg), "
             "bearing_deg clockwise from north, sigma_deg (may be empty). For `iq`: two or more SigMF recordings.",
             show_default=False,

@@ -122,11 +122,11 @@ class Observability:
             return f"observable: all {n} directions are known better than the prior from {when} on{worst}"
         if rank < n:
             return (
-                f"unobservable within {span}: rank {rank} of {n}; {n - known} directions are no better known than the "
+                f"unobservable within {span}: rank {rank} of {n}; {n - known} directions no better known than the "
                 f"prior: {share_words(self.unknown())}"
             )
         return (
-            f"weakly observable within {span}: rank {n}, but {n - known} of {n} directions are no better known than "
+            f"weakly observable within {span}: rank {n}, but {n - known} of {n} directions no better known than "
             f"the prior: {share_words(self.unknown())}"
         )
 

@@ -22,7 +22,15 @@ from diagrams.errors import UserError
 __all__ = ["OutputFolder", "open_result", "write_summary"]
 
 # beside figures (*.png)
-_OURS = ("results.zarr", "summary.json", "comparison.json", "sweep.json", "verification.json", "diagram.svg")
+_OURS = (
+    "results.zarr",
+    "summary.json",
+    "comparison.json",
+    "sweep.json",
+    "verification.json",
+    "diagram.svg",
+    "differences.csv",
+)
 
 
 @contextmanager

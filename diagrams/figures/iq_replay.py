@@ -7,49 +7,44 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from diagrams.figures.style import grid, legend_outside, new_figure
+from diagrams.figures.style import grid, new_figure
 
 if TYPE_CHECKING:
     from diagrams.iq_replay import IqReplay
 
 __all__ = ["draw_differences"]
 
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+_COLOURS = ("#0072b2", "#d55e00")
 
 
 def draw_differences(result: IqReplay) -> Figure:
-    """Draw both differences of every pair against time, with the sigmas that the samples let expect."""
-    figure, (upper, lower) = new_figure(height=7, rows=2, sharex=True)
-    for k, pair in enumerate(result.pairs):
-        good, colour = pair.good, _COLOURS[k % len(_COLOURS)]
-        rows = ((upper, 1e6 * pair.tdoa, 1e6 * pair.sigma_tdoa), (lower, pair.fdoa, pair.sigma_fdoa))
-        for axes, value, sigma in rows:
-            axes.errorbar(
-                result.times[good],
-                value[good],
-                sigma[good],
-                fmt="o-",
-                ms=4,
-                lw=0.8,
-                capsize=2,
-                color=colour,
-                label=f"{pair.auxiliary}\nminus {pair.main}",
-            )
-        if not good.all():
-            upper.plot(
-                result.times[~good],
-                np.zeros(np.count_nonzero(~good)),
-                "x",
-                color=colour,
-                transform=upper.get_xaxis_transform(),
-                clip_on=False,
-                label="flagged" if k == 0 else None,
-            )
-    upper.set_ylabel("TDOA [us]")
-    lower.set(ylabel="FDOA [Hz]", xlabel="time [s]")
-    for axes in (upper, lower):
-        axes.ticklabel_format(useOffset=False)
-        grid(axes)
-    figure.suptitle(f"Differences of arrival, {1e3 * result.length:.4g} ms each, with sigma")
-    legend_outside(figure, upper)
+    """Draw both differences of every pair against time, a row for each pair, with the sigmas that are expected."""
+    count = len(result.pairs)
+    figure, panels = new_figure(height=1.2 + 3.0 * count, rows=count, columns=2, sharex=True, squeeze=False)
+    for pair, row in zip(result.pairs, panels, strict=True):
+        good = pair.good
+        values = ((1e6 * pair.tdoa, 1e6 * pair.sigma_tdoa, "TDOA [us]"), (pair.fdoa, pair.sigma_fdoa, "FDOA [Hz]"))
+        for axes, colour, (value, sigma, label) in zip(row, _COLOURS, values, strict=True):
+            axes.errorbar(result.times[good], value[good], sigma[good], fmt="o-", ms=4, lw=0.8, capsize=2, color=colour)
+            if not good.all():
+                bottom = np.zeros(np.count_nonzero(~good))
+                axes.plot(
+                    result.times[~good],
+                    bottom,
+                    "x",
+                    color="black",
+                    ms=7,
+                    mew=1.5,
+                    transform=axes.get_xaxis_transform(),
+                    clip_on=False,
+                    zorder=5,
+                    label="flagged",
+                )
+                axes.legend(frameon=False, loc="best")
+            axes.set(ylabel=label, title=f"{pair.auxiliary} minus {pair.main}")
+            axes.ticklabel_format(useOffset=False)
+            grid(axes)
+    for axes in panels[-1]:
+        axes.set_xlabel("time [s]")
+    figure.suptitle(f"Differences of arrival, {1e3 * result.length:.4g} ms each, with the sigmas expected")
     return figure

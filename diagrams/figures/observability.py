@@ -60,8 +60,11 @@ def draw_observability(one: Observability, title: str) -> Figure:
     above.legend(loc="lower left", fontsize=11)
     shares = one.spectrum.directions[:, -1] ** 2
     order = [i for i in np.argsort(-shares.max(axis=0)) if shares[:, i].max() > 0.05][:8]
+    rest = 1 - shares[:, order].sum(axis=-1)
     if elapsed.size > 1:
         below.stackplot(time, shares[:, order].T, labels=[one.components[i] for i in order], alpha=0.85, step="post")
+        if rest.max() > 0.01:
+            below.fill_between(time, 1 - rest, 1, color="0.8", step="post", label="others, below 5 % each")
     else:
         below.bar([time[0]], [1.0], width=0.1, color="none")
         bottom = 0.0
@@ -73,9 +76,6 @@ def draw_observability(one: Observability, title: str) -> Figure:
     below.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=10, frameon=False)
     if time.size > 1:
         below.set_xlim(time[0], time[-1])
-    rows = _short("", one.rows)
-    figure.suptitle(
-        f"{_short(title, one.estimators)}\nstate at the start from {rows} alone: no prior, no process noise",
-        fontsize=13,
-    )
+    lines = [_short(title, one.estimators), f"state at the start from {_short('', one.rows)}"]
+    figure.suptitle("\n".join([*lines, "alone: no prior, no process noise"]), fontsize=13)
     return figure

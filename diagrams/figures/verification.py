@@ -58,8 +58,8 @@ def draw_verification(report: Report) -> Figure:
     right.set_yticks(range(count), [f"{f.word.partition(' ')[0]}, {f.trials}" for f in report.findings], fontsize=10)
     right.tick_params(length=0)
     seen = [verdict for verdict in _LOOKS if any(f.verdict == verdict for f in report.findings)]
-    handles = [Line2D([], [], color=_LOOKS[v][0], marker=_LOOKS[v][1], linewidth=3, label=_LOOKS[v][2]) for v in seen]
-    handles.append(Patch(color="0.88", label="allowed"))
+    lines = [Line2D([], [], color=_LOOKS[v][0], marker=_LOOKS[v][1], linewidth=3, label=_LOOKS[v][2]) for v in seen]
+    handles = [*lines, Patch(color="0.88", label="allowed")]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     figure.suptitle(
         f"{report.path.name}: {report.specification.system}, seed {report.seed}; verdict and trials at the right"

@@ -20,7 +20,7 @@ from diagrams.system import Wired
 from diagrams.verification.statistics import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean, Statistic
 from systems.documented import choice, documented, number, text
 
-__all__ = ["METRICS", "Metric", "MetricChoice", "Run", "View"]
+__all__ = ["METRICS", "Metric", "MetricChoice", "RmseRatio", "Run", "View"]
 
 Array = NDArray[np.float64]
 
@@ -395,7 +395,7 @@ class Nis(_Timed):
         nis, rows = view.number("nis", estimator, epochs), view.number("nis_dof", estimator, epochs)
         known = ~np.isnan(nis) & (rows > 0)
         sums = np.stack([np.where(known, x, 0.0).sum(axis=-1) for x in (nis, rows)], axis=-1)
-        return np.where(known.any(axis=-1)[:, None], sums, np.nan)
+        return np.where(known.any(axis=-1, keepdims=True), sums, np.nan)
 
     def statistic(self, run: Run) -> Statistic:
         """Return a ratio of means."""

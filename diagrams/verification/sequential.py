@@ -9,7 +9,7 @@ boundaries; they need increments that are nearly Gaussian, which mean squares of
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,6 +88,12 @@ class Judgement:
     lower: Array
     upper: Array
 
+    def replaced(self, later: Judgement) -> Judgement:
+        """Return this where it is a decision, `later` where it is none."""
+        undecided = self.verdict == UNDECIDED
+        pairs = {field.name: (getattr(later, field.name), getattr(self, field.name)) for field in fields(self)}
+        return Judgement(**{name: np.where(undecided, new, old) for name, (new, old) in pairs.items()})
+
 
 def judge(
     samples: Callable[[int], Array], statistic: Statistic, limit: Limit, confidence: float, looks: tuple[int, ...]
@@ -108,7 +114,7 @@ def judge(
         From `plan_looks`.
     """
     tail = limit.tail(confidence, len(looks))
-    found: tuple[Array, ...] | None = None
+    found: Judgement | None = None
     for n in looks:
         values = samples(n)
         outer = values.shape[:-2]
@@ -117,13 +123,9 @@ def judge(
         if values.shape[-2] >= max(2, statistic.floor):
             lower, upper = statistic.interval(values, tail)
         verdict = limit.decide(lower, upper)
-        now = (np.asarray(verdict), np.full(np.shape(verdict), n), *map(np.asarray, (estimate, lower, upper)))
-        if found is None:
-            found = now
-        else:
-            open_ = found[0] == UNDECIDED
-            found = tuple(np.where(open_, new, old) for new, old in zip(now, found, strict=True))
-        if np.all(found[0] != UNDECIDED):
+        now = Judgement(verdict, np.full(verdict.shape, n), estimate, lower, upper)
+        found = now if found is None else found.replaced(now)
+        if np.all(found.verdict != UNDECIDED):
             break
     assert found is not None
-    return Judgement(*found)
+    return found

@@ -10,7 +10,7 @@ from pathlib import Path
 from diagrams.catalogue import split_name
 from diagrams.errors import UserError, choose
 from diagrams.scenario import load, read_yaml
-from diagrams.verification.metric import MetricChoice
+from diagrams.verification.metric import Metric, MetricChoice, RmseRatio
 from diagrams.verification.sequential import Limit, plan_looks
 from systems.documented import Allowed, count, documented, number, text
 
@@ -36,13 +36,19 @@ class Requirement:
     """What is asked."""
 
     name: str = text("what the report calls it")
-    metric: MetricChoice | None = documented("what is measured: !Rmse, !Median, !Percentile ...", None)  # type: ignore[valid-type]
+    metric: MetricChoice | None = documented("what is measured: !Rmse, !Median, !Percentile ...", None)
     estimator: str = text("of which estimator; by default the file's only one")
     case: str = text("of which case; by default the file's only one")
     at_least: float | None = number("the metric is at least this, in its own unit (m, m/s, deg, s)", None)
     at_most: float | None = number("the metric is at most this", None)
     confidence: float | None = documented("that the verdict is right; by default the file's", None, allowed=_CONFIDENCE)
     why: str = text("where the limit comes from")
+
+    @property
+    def measured(self) -> Metric:
+        """The metric, which a file that has been read has."""
+        assert isinstance(self.metric, Metric)
+        return self.metric
 
     @property
     def limit(self) -> Limit:
@@ -153,14 +159,13 @@ def _complete_one(specification: Specification, requirement: Requirement, where:
         requirement.estimator = _only(estimator_key(requirement.estimator), keys, f"{where}.estimator")
     elif not requirement.estimator:
         raise UserError(f"{where}.estimator: it is missing; a name that `quietfix show {specification.system}` prints")
-    other = getattr(requirement.metric, "to", None)
-    if other is not None:
-        if not other:
+    if isinstance(requirement.metric, RmseRatio):
+        if not requirement.metric.to:
             raise UserError(f"{where}.metric.to: it is missing; another estimator")
         if keys:
-            requirement.metric.to = choose(f"{where}.metric.to", estimator_key(other), keys)
+            requirement.metric.to = choose(f"{where}.metric.to", estimator_key(requirement.metric.to), keys)
     if not requirement.name:
-        requirement.name = requirement.metric.title()
+        requirement.name = requirement.measured.title()
 
 
 def _only(value: str, allowed: list[str], where: str) -> str:

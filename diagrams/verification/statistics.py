@@ -83,7 +83,7 @@ def _studentised(a: Array, b: Array | None, tail: float) -> tuple[Array, Array]:
     flat = a.reshape(-1, count).T
     low = None if b is None else np.broadcast_to(b, a.shape).reshape(-1, count).T
     flat_square = flat**2
-    product, low_square = (None, None) if low is None else (flat * low, low**2)
+    product, low_square = (flat, flat) if low is None else (flat * low, low**2)
     parts = []
     for weights in _resamples(count, _draws(tail)):
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -147,7 +147,7 @@ class MeanRatio:
 
     def interval(self, samples: Array, tail: float) -> tuple[Array, Array]:
         """Return the limits; one lost trial in a makes both infinite, since the mean over all trials then is."""
-        finite = np.isfinite(samples).all(axis=(-1, -2)) & (samples.max(axis=-2) > 0).all(axis=-1)
+        finite = np.asarray(np.isfinite(samples).all(axis=(-1, -2)) & (samples.max(axis=-2) > 0).all(axis=-1))
         usable = np.where(finite[..., None, None], samples, 1.0)
         a, b = usable[..., 0], usable[..., 1] if samples.shape[-1] == 2 else None
         lower, _ = _studentised(*_with_worst(a, b, below=True), tail)
@@ -189,7 +189,7 @@ class SignedMean:
 
     def interval(self, samples: Array, tail: float) -> tuple[Array, Array]:
         """Return the limits; without end where a trial is lost."""
-        finite = np.isfinite(samples[..., 0]).all(axis=-1)
+        finite = np.asarray(np.isfinite(samples[..., 0]).all(axis=-1))
         a = np.where(finite[..., None], samples[..., 0], 0.0)
         count = a.shape[-1]
         centre, spread = a.mean(axis=-1), a.std(axis=-1) / math.sqrt(count - 1)

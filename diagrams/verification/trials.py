@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from diagrams.errors import UserError
 from diagrams.study import Study
-from diagrams.verification.metric import Run, View
+from diagrams.verification.metric import RmseRatio, Run, View
 from diagrams.verification.specification import Requirement, Specification, estimator_key
 
 __all__ = ["GrowingStudy"]
@@ -71,9 +71,9 @@ class GrowingStudy:
         return Study(**self._options, trials=trials, first_trial=first)
 
     def _check(self, requirement: Requirement, where: str) -> None:
-        assert requirement.metric is not None and requirement.confidence is not None
-        requirement.metric.check(self.run, requirement.estimator, f"{where}.metric")
-        statistic, limit = requirement.metric.statistic(self.run), requirement.limit
+        assert requirement.confidence is not None
+        requirement.measured.check(self.run, requirement.estimator, f"{where}.metric")
+        statistic, limit = requirement.measured.statistic(self.run), requirement.limit
         tail = limit.tail(requirement.confidence, len(self.looks))
         sides = [upper for upper, side in ((False, limit.at_least), (True, limit.at_most)) if side is not None]
         needed = max(statistic.floor, *(statistic.fewest(tail, upper) for upper in sides))
@@ -94,9 +94,9 @@ class GrowingStudy:
         for chunk in self._study(self.looks[k] - first, first).chunks(self._progress):
             view = View(chunk)
             for r, found in zip(self.requirements, parts, strict=True):
-                found.append(r.metric.reduce(view, r.estimator, self.run))
+                found.append(r.measured.reduce(view, r.estimator, self.run))
             if chunk["trial"].values[-1] == self.looks[k] - 1:  # the last chunk carries the bounds
-                squares = [r.metric.bound_square(chunk, r.estimator, self.run) for r in self.requirements]
+                squares = [r.measured.bound_square(chunk, r.estimator, self.run) for r in self.requirements]
         self._samples.append([np.concatenate(found) for found in parts])
         self._squares.append(squares)
 
@@ -116,7 +116,9 @@ class GrowingStudy:
         kept = values[~np.isnan(values).any(axis=-1)]
         what = f"requirement {requirement.name!r}: estimator {requirement.estimator}"
         if not kept.size:
-            raise UserError(f"{what} has no number for {requirement.metric.title()}; another metric or time is needed")
+            raise UserError(
+                f"{what} has no number for {requirement.measured.title()}; another metric or time is needed"
+            )
         square = self._bound(place, segments)
         if square is None:
             return kept
@@ -143,12 +145,13 @@ def _options(
     full = {estimator_key(name): name for name in specification.estimators}
     used: dict[str, str] = {}
     for requirement in requirements:
-        for name in (requirement.estimator, getattr(requirement.metric, "to", "")):
-            if name:
-                used.setdefault(estimator_key(name), full.get(name, name))
+        metric, asked = requirement.measured, [requirement.estimator]
         requirement.estimator = estimator_key(requirement.estimator)
-        if hasattr(requirement.metric, "to"):
-            requirement.metric.to = estimator_key(requirement.metric.to)
+        if isinstance(metric, RmseRatio):
+            asked.append(metric.to)
+            metric.to = estimator_key(metric.to)
+        for name in asked:
+            used.setdefault(estimator_key(name), full.get(name, name))
     return {
         "system": f"{head}:{variant}" if variant else specification.system,
         "scenario": path.parent / specification.scenario if specification.scenario else None,

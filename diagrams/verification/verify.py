@@ -61,8 +61,7 @@ class Finding:
     @property
     def metric(self) -> str:
         """The metric in words."""
-        assert self.requirement.metric is not None
-        return self.requirement.metric.title()
+        return self.requirement.measured.title()
 
     def sentence(self) -> str:
         """Return all of it in one line."""
@@ -214,8 +213,8 @@ class Verification:
     def judge(self, requirement: Requirement) -> Finding:
         """Run as many trials as this requirement needs, and judge it."""
         study = self._study(requirement.case)
-        metric, confidence = requirement.metric, requirement.confidence
-        assert metric is not None and confidence is not None
+        metric, confidence = requirement.measured, requirement.confidence
+        assert confidence is not None
         with beside(self.path):
             found = judge(
                 lambda n: study.samples(requirement, n),

@@ -103,7 +103,7 @@ def ambiguity_grid(first: Complex, second: Complex, grid: Grid) -> NDArray[np.fl
     if missing:
         first = np.pad(first, ((0, 0), (0, missing)))
         second = np.pad(second, ((0, 0), (0, missing)))
-    points = fft.next_fast_len(length + 2 * lags)
+    points = fft.next_fast_len(length + 2 * lags, real=True)
     x = fft.fft(first.reshape(trials, blocks, length), points, axis=-1)
     windows = sliding_window_view(second, length + 2 * lags, axis=-1)[:, ::length]
     y = fft.fft(windows, points, axis=-1)

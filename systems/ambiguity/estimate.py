@@ -36,10 +36,12 @@ __all__ = ["CrossAmbiguity", "Differences", "Flag", "Window"]
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex64]
 
-_GUARD = 4.0  # cells beyond the window in which a higher peak gives away that the window is too small
+_GUARD = 4.0  # cells beyond the window in which a peak of twice the power gives away that the window is too small
+_MUCH = 2.0  # a repetition of a periodic signal beside the window is as high as the peak, and must not be that
 _SIDELOBE = 2.0  # curvature of a side lobe of sinc is three times that of the main one
 _SAMPLES_AT_ONCE = 1 << 17  # per channel: what a cache holds
 _NOISE_SHIFTS = (-11, -5, 7, 13)  # bins; any few that are not the signal's own frequency difference
+_LEAST = 1e-3
 _TIME_SPREAD = math.pi / math.sqrt(3.0)
 
 
@@ -384,7 +386,9 @@ class _Work:
             bins <= np.maximum(jobs.half_frequency[part], 0.5 * grid.step)[:, None]
         )[:, None, :]
         cell = np.array([1 / (self.moments.noise_bandwidth / self.rate), 1 / size])
-        at, beyond = _coarse_peak(power, inside, grid)
+        reach = np.maximum(jobs.half_delay[part], 0.5) + cell[0], jobs.half_frequency[part] + cell[1]
+        near = (wide <= reach[0][:, None])[:, :, None] & (bins <= reach[1][:, None])[:, None, :]
+        at, beyond = _coarse_peak(power, inside, near, grid)
         begin_delay, begin_frequency = at[:, 0], at[:, 1] * grid.step
         # cut anew at the peak, so that less than a sample is left
         lag = np.rint(begin_delay).astype(np.int64)
@@ -413,7 +417,7 @@ class _Work:
     def _filtered(self, x: Complex, y: Complex) -> tuple[Complex, Complex, Array]:
         """Return both behind the prefilter, and the mean power of |A| where there is no signal."""
         size, longer = x.shape[-1], y.shape[-1]
-        points = fft.next_fast_len(longer)
+        points = fft.next_fast_len(longer, real=True)  # factors of 2, 3 and 5 only: half the time
         table = self.settings.prefilter.table(points, self.rate)
         x, y = fft.fft(x, points, axis=-1), fft.fft(y, points, axis=-1)
         x *= table
@@ -460,12 +464,13 @@ class _Work:
         result.coherence[part] = np.sqrt(np.minimum(power / np.maximum(both, np.finfo(float).tiny), 1.0))
         result.flag[part] = flag | np.where(sure < self.settings.confidence, Flag.BELOW_THRESHOLD, 0)
 
-        signal = np.maximum(power - 2 * fine.quadrature, np.finfo(float).tiny)
+        # a peak of nothing but noise has no variance; it gets a large one
+        signal = np.maximum(power - 2 * fine.quadrature, _LEAST * power)
         known = self.moments.bandwidth_squared
         lever = np.maximum(fine.lever, np.finfo(float).tiny) if known is None else known / rate**2
         result.variance[part, 0] = fine.spread / (signal * np.square(lever) * rate**2)
         result.variance[part, 1] = fine.quadrature / (signal * np.square(_TIME_SPREAD * duration))
-        twice = 2 * np.maximum(rho, np.finfo(float).tiny)
+        twice = 2 * np.maximum(rho, _LEAST)
         result.stein[part, 0] = 1 / (twice * lever * rate**2)
         result.stein[part, 1] = 1 / (twice * np.square(_TIME_SPREAD * duration))
 
@@ -474,14 +479,20 @@ def _energy(z: Complex) -> Array:
     return (np.square(z.real).sum(axis=-1, dtype=float) + np.square(z.imag).sum(axis=-1, dtype=float)).astype(float)
 
 
-def _coarse_peak(power: NDArray[np.float32], inside: NDArray[np.bool_], grid: Grid) -> tuple[Array, NDArray[np.bool_]]:
-    """Return where the power is highest inside, (trials, 2) [samples, bins], and whether it is higher outside."""
+def _coarse_peak(
+    power: NDArray[np.float32], inside: NDArray[np.bool_], near: NDArray[np.bool_], grid: Grid
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return where the power is highest inside, (trials, 2) [samples, bins].
+
+    And whether it is higher within a cell outside, or much higher anywhere.
+    """
     trials, rows, columns = power.shape
     allowed = np.where(inside, power, -1.0).reshape(trials, -1)
     best = np.argmax(allowed, axis=-1)
     trial = np.arange(trials)
     peak = allowed[trial, best]
-    beyond = power.reshape(trials, -1).max(axis=-1) > peak
+    beside = np.where(near, power, -1.0).reshape(trials, -1).max(axis=-1)
+    beyond = (beside > peak) | (power.reshape(trials, -1).max(axis=-1) > _MUCH * peak)
     row, column = np.divmod(best, columns)
     # on the border of what is computed there is no parabola; it is beyond the window by some cells, or flagged
     middle = np.clip(row, 1, rows - 2), np.clip(column, 1, columns - 2)

@@ -25,7 +25,7 @@ from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 from systems.signals import Draw, EnsembleBlock, check_trials
 
-__all__ = ["Epoch", "Estimator", "Innovation", "Memory", "Wiring"]
+__all__ = ["Belief", "Epoch", "Estimator", "Innovation", "Memory", "Wiring"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -110,7 +110,7 @@ class Innovation(NamedTuple):
 _TO_COME = Innovation(np.empty(0), np.empty(0), np.empty(0))  # of a prior
 
 
-class _Belief:
+class Belief:
     """What a cache holds: memory, innovation, which trials have started; the moments when they are first asked for.
 
     ``current`` says that the measurement of now is in it.
@@ -273,8 +273,8 @@ class Estimator(EnsembleBlock):
         time = context.get_time()
         return Epoch(time, lambda: self.wiring.clock.index(time), lambda: self.draw(context))
 
-    def _belief(self, context: Context) -> _Belief:
-        belief: _Belief = self.cached(context, self._posterior)
+    def _belief(self, context: Context) -> Belief:
+        belief: Belief = self.cached(context, self._posterior)
         return belief
 
     def posterior_memory(self, context: Context) -> Memory:
@@ -291,10 +291,10 @@ class Estimator(EnsembleBlock):
         return self.cached_ticket(self._posterior)
 
     def _prior_moments(self, context: Context) -> tuple[Array, Array]:
-        belief: _Belief = self.cached(context, self._prior)
+        belief: Belief = self.cached(context, self._prior)
         return belief.moments(self.moments)
 
-    def _calc_prior(self, context: Context) -> _Belief:
+    def _calc_prior(self, context: Context) -> Belief:
         """Return the memory moved to now, or what is stored where the measurement of now is in it."""
         state = context.get_discrete_state(self._state).value().copy()
 
@@ -307,10 +307,10 @@ class Estimator(EnsembleBlock):
         now, (stamp, used) = context.get_time(), state[-2:].tolist()
         if same_instant(now, stamp):
             innovation = Innovation(stored("innovation"), stored("nis")[:, 0], stored("nis_dof")[:, 0])
-            return _Belief(memory, innovation, started, bool(used))
+            return Belief(memory, innovation, started, bool(used))
         if now > stamp:
             memory = self.move(memory, now - stamp, self._epoch(context))
-        return _Belief(memory, _TO_COME, started, False)
+        return Belief(memory, _TO_COME, started, False)
 
     def _first(self, context: Context, stream: Array) -> tuple[Memory, Mask]:
         inputs = {port: self.read(context, port) for port in self.start.inputs}
@@ -331,9 +331,9 @@ class Estimator(EnsembleBlock):
         trials = self.wiring.trials
         return Innovation(np.full((trials, self.model.size), np.nan), np.full(trials, np.nan), np.zeros(trials))
 
-    def _calc_posterior(self, context: Context) -> _Belief:
+    def _calc_posterior(self, context: Context) -> Belief:
         """Return memory, innovation and which trials have started, after the measurement of now."""
-        prior: _Belief = self.cached(context, self._prior)
+        prior: Belief = self.cached(context, self._prior)
         if prior.current:
             return prior
         memory, started = prior.memory, prior.started
@@ -345,16 +345,16 @@ class Estimator(EnsembleBlock):
             if self.start.uses_measurement:
                 measurement = np.where(new[:, None], np.nan, measurement)
             if not started.any():
-                return _Belief(memory, self._nothing(), started, True)
+                return Belief(memory, self._nothing(), started, True)
         # looking at the first number first: it is rarely missing
         if math.isnan(measurement.item(0)) and np.isnan(measurement).all():
-            return _Belief(memory, self._nothing(), started, True)
+            return Belief(memory, self._nothing(), started, True)
         noise = self._read_noise(context)
         if noise is not None and (unknown := unknown_rows(noise)).any():
             measurement = np.where(unknown, np.nan, measurement)
         platforms = self._read_platforms(context)
         memory, innovation = self.correct(memory, measurement, platforms, noise, self._epoch(context))
-        return _Belief(memory, innovation, started, True)
+        return Belief(memory, innovation, started, True)
 
     def _begin_late(self, context: Context, memory: Memory, started: Mask, stream: Array) -> tuple[Memory, Mask]:
         """Start the trials that could not start before, leave the others alone; return which have started now."""

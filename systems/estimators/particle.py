@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,12 +97,11 @@ class ParticleEstimator(Estimator):
         self.update, self.particles, self.window, self.restart = update, particles, window, restart
         self._whitener = Whitener(model.noise_covariance())
         super().__init__(name, model, motion, start, wiring)
-        after = {self.cached_ticket(self._posterior)}
         for i, port in enumerate(_PORTS):
-            self.declare_output(port, wiring.trials, 1, partial(self._health, i), after)
+            self.declare_output(port, wiring.trials, 1, partial(self._health, i), {self.posterior_ticket})
 
     def _health(self, column: int, context: Context) -> Array:
-        return self.cached(context, self._posterior)[0]["health"][:, column]
+        return self.posterior_memory(context)["health"][:, column]
 
     def health_ports(self) -> Sequence[str]:
         """Return the names of the ports that tell how the cloud is."""
@@ -109,7 +109,7 @@ class ParticleEstimator(Estimator):
 
     def cloud(self, context: Context) -> Cloud:
         """Return the clouds after the measurement of now: particles (trials, n, N), log weights and ancestors."""
-        return self._cloud(self.cached(context, self._posterior)[0])
+        return self._cloud(self.posterior_memory(context))
 
     # ---- memory
 
@@ -238,8 +238,10 @@ class ParticleEstimator(Estimator):
             else:
                 moving = motion
             particles[group] = moving.propagate(cloud.particles[group].swapaxes(1, 2), dt).swapaxes(1, 2)
-            # a trial that has not started or is lost has no process noise to speak of
+            # what the noise of a trial is that has not started or is lost does not matter
             noise = own.process_noise(np.where(np.isfinite(here), here, 1.0), dt)
+            if not np.isfinite(noise.sum()):
+                noise = np.where(np.isfinite(noise).all(axis=(-1, -2), keepdims=True), noise, 0.0)
             if noise.any():
                 root = _noise_root(noise.tobytes(), noise.shape)
                 particles[group] += root @ draws.normal("motion", index, (root.shape[-1], self.particles))
@@ -341,17 +343,22 @@ class ParticleEstimator(Estimator):
 
     # ---- beginning again
 
-    def _calc_posterior(self, context: Context) -> tuple[Memory, Innovation, Mask]:
-        memory, innovation, started = super()._calc_posterior(context)
-        if "mean" not in memory:
+    def _calc_posterior(self, context: Context) -> Any:
+        belief = super()._calc_posterior(context)
+        memory, innovation = belief.memory, belief.innovation
+        if "mean" not in memory:  # nothing was measured: what is stored are the moments of the prediction
             mean, covariance = self.moments(memory)
             memory = {**memory, "mean": mean, "covariance": covariance.reshape(len(mean), -1)}
-        again = self.start.again
-        if not self.restart or again is None:
-            return memory, innovation, started
-        lost = memory["health"][:, 3] < LEAST_EVIDENCE
-        if not lost.any():
-            return memory, innovation, started
+        if self.restart and self.start.again is not None:
+            lost = (memory["health"][:, 3] < LEAST_EVIDENCE) & (innovation.nis_dof > 0)
+            if lost.any():
+                memory = self._again(context, self.start.again, memory, lost)
+        if memory is belief.memory:
+            return belief
+        return type(belief)(memory, innovation, belief.started, belief.current)
+
+    def _again(self, context: Context, again: Start, memory: Memory, lost: Mask) -> Memory:
+        """Return the memory in which lost trials begin again from the measurement of now, where they can."""
         inputs = {port: self.read(context, port) for port in self.start.inputs}
         stream, platforms, epoch = (
             self.read(context, "measurement"),
@@ -363,6 +370,6 @@ class ParticleEstimator(Estimator):
         else:
             mean, covariance = again.begin(stream, platforms, inputs)
             begun, able = self.begin(mean, covariance, epoch), np.all(np.isfinite(mean), axis=-1)
-        lost &= able & (innovation.nis_dof > 0)
         begun["health"][:, 6] = memory["health"][:, 6] + 1
-        return {group: np.where(lost[:, None], begun[group], memory[group]) for group in memory}, innovation, started
+        new = (lost & able)[:, None]
+        return {group: np.where(new, begun[group], memory[group]) for group in memory}

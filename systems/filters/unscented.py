@@ -93,13 +93,13 @@ class UnscentedKalman(GaussianFilter):
         root = cholesky(covariance)
         values = model.predict(_points(mean, c * root), platforms[:, None])
         middle = values[..., :1, :]
-        plus = model.residual(values[..., 1 : n + 1, :], middle)
-        minus = model.residual(values[..., n + 1 :, :], middle)
+        moved = model.residual(values[..., 1:, :], middle)
+        plus, minus = moved[..., :n, :], moved[..., n:, :]
         even = 0.5 * (plus + minus)
         shift = 2 * weight * even.sum(axis=-2)
         innovation = model.residual(measurement, middle[..., 0, :]) - shift
 
-        missing = missing_rows(innovation, np.swapaxes(plus, -1, -2), np.swapaxes(minus, -1, -2))
+        missing = missing_rows(innovation)  # what is missing in one of the points is so in their mean
         odd = (plus - minus) / (2 * c)
         if missing is not None:
             innovation = np.where(missing, 0.0, innovation)

@@ -40,6 +40,9 @@ class RangeRate(MeasurementModel):
         self.stations = list(stations)
         if not self.stations or len(set(self.stations)) < len(self.stations):
             raise ValueError(f"stations: {self.stations} is not allowed; at least one, none of them twice")
+        # a view instead of a copy where all of the first ones receive
+        in_order = self.stations == list(range(len(self.stations)))
+        self._received = slice(len(self.stations)) if in_order else self.stations
         first = 3 if at_rest else 6
         if bias is not None and bias < first:
             raise ValueError(f"bias: index {bias} is not allowed; the first {first} states are the target's own")
@@ -54,7 +57,7 @@ class RangeRate(MeasurementModel):
         then runs over trials and sigma points, not over three axes or a handful of stations.
         """
         leading = max(target.ndim, platforms.ndim - 1) - 1
-        used = np.moveaxis(platforms[..., self.stations, :], (-1, -2), (0, 1))
+        used = np.moveaxis(platforms[..., self._received, :], (-1, -2), (0, 1))
         used = used.reshape(*used.shape[:2], *(1,) * (leading - used.ndim + 2), *used.shape[2:])
         state = np.ascontiguousarray(np.moveaxis(target[..., : 3 if self.at_rest else 6], -1, 0))[:, None]
         offset = state[:3] - used[:3]

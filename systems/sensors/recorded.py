@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -147,11 +148,10 @@ class RecordedMeasurements(EnsembleBlock):
 
         self._track = self.DeclareNumericParameter(BasicVector([0.0]))
         tickets = {self.time_ticket(), self.numeric_parameter_ticket(NumericParameterIndex(self._track))}
-        self._sample = self.declare_cached("sample", RecordedMeasurements._find, tickets)
-        self._serve("measurement", self.trials, self.rows)
-        self._serve("platforms", self.platform_trials, 6 * self.platforms)
+        self._serve("measurement", self.trials, self.rows, tickets)
+        self._serve("platforms", self.platform_trials, 6 * self.platforms, tickets)
         if noisy:
-            self._serve("noise_covariance", self.trials, self.rows**2)
+            self._serve("noise_covariance", self.trials, self.rows**2, tickets)
 
     def select(self, root_context: Context, recording: int) -> float:
         """Let a context play a recording.
@@ -179,14 +179,14 @@ class RecordedMeasurements(EnsembleBlock):
         root_context.SetTime(first)
         return float(last)
 
-    def _serve(self, name: str, trials: int, size: int) -> None:
+    def _serve(self, name: str, trials: int, size: int, tickets: Iterable[Any]) -> None:
         gap = np.full((trials, size), np.nan)
 
         def value(context: Context) -> Array:
-            track, sample = self.cached(context, self._sample)
+            track, sample = self._find(context)
             return gap if sample is None else getattr(self.recordings[track], name)[sample]
 
-        self.declare_output(name, trials, size, value, {self.cached_ticket(self._sample)})
+        self.declare_output(name, trials, size, value, tickets)
 
     def _find(self, context: Context) -> tuple[int, int | None]:
         """Return which recording plays, and which of its samples is now."""

@@ -66,6 +66,10 @@ def test_the_diagram_shows_the_units_of_the_patent():
     }
     assert wired.dashed == [("iekf", "search_window")]
     assert wired.widest == 30
+    # what is on the main satellite and no sensor knows the emitter by its signal only
+    for (target, _), (source, _) in diagram.connection_map().items():
+        if target.get_name() in ("search_window", "cross_ambiguity", "measurements", "inter_satellite_link"):
+            assert source.get_name() not in ("emitter", "transmitter")
 
 
 @lru_cache
@@ -104,12 +108,12 @@ def test_a_trial_alone_is_a_trial_of_a_batch():
 
 def test_without_noise_nothing_is_left_but_the_signals_own():
     strong = {"sensing.snr_main_db": 90.0, "sensing.snr_auxiliary_db": 90.0, "sensing.link_bits": 0}
-    result = study("signal", 1, duration_s=4.0, sensing__prefilter="none", **strong)
+    result = study("signal", 1, duration_s=4.0, **strong)
     error, _ = errors(result, **strong)
-    # what is compared are two cuts of one signal: their ends leave a tenth of a nanosecond. The common Doppler shift,
-    # 40 kHz, times the drift of the delay is 0.05 Hz; gravity, see `errors`, 0.01 Hz.
-    assert np.abs(error[..., 0]).max() < 0.3e-9
-    assert np.abs(error[..., 1]).max() < 0.07
+    # what is compared are two cuts of one signal: their ends leave a hundredth of a nanosecond and of a hertz; gravity,
+    # see `errors`, does as much
+    assert np.abs(error[..., 0]).max() < 0.1e-9
+    assert np.abs(error[..., 1]).max() < 0.02
 
 
 def test_what_is_not_known_of_the_link_is_an_error_of_the_delay():
@@ -203,13 +207,13 @@ def test_the_gate_takes_outliers_out():
 
 @pytest.mark.slow
 def test_below_the_threshold_the_gate_saves_the_track():
-    """12 trials, 150 s. The survivors of the gate are the strong ones: their predicted errors are a bit small."""
-    closed, open_ = (study("low_snr", 12, **{"sensing.gate": gate}) for gate in (True, False))
+    """8 trials, 100 s. The survivors of the gate are the strong ones: their predicted errors are a bit small."""
+    closed, open_ = (study("low_snr", 8, duration_s=100.0, **{"sensing.gate": gate}) for gate in (True, False))
     squares = [np.square((run["estimate"] - run["truth"]).values[0, :, -1, :3]).sum(axis=-1) for run in (closed, open_)]
     rmse = [np.sqrt(square.mean()) for square in squares]
     assert rmse[0] < 1.5 * float(closed["bound_position"][0, -1])
     assert rmse[1] > 20e3
-    assert 2.5 < float(closed["nees"].values[0, :, -1].mean()) < 12.0  # 72 degrees of freedom, and the above
+    assert 2.5 < float(closed["nees"].values[0, :, -1].mean()) < 12.0  # 48 degrees of freedom, and the above
 
 
 # ------------------------------------------------------------- the track on samples and on the same errors, drawn

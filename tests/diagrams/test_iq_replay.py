@@ -82,6 +82,19 @@ def test_differences_against_time(files, tmp_path, capsys):
     assert (out / "differences.png").stat().st_size > 10_000
 
 
+def test_an_earlier_result_is_replaced(files, tmp_path, capsys):
+    command = ["replay", "iq", *map(str, files[:2]), "--out", str(tmp_path / "out"), "--set", "integration_s=0.05"]
+    for extra in ([], ["--overwrite"]):
+        with pytest.raises(SystemExit) as stop:
+            main([*command, *extra])
+        assert stop.value.code == 0
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        "differences.csv",
+        "differences.png",
+        "summary.json",
+    ]
+
+
 def test_times_of_the_files_count(tmp_path, signals):
     """The second file begins 1.5 ms later, in the next second: the same wave is as late as before."""
     later = heard(DELAYS[1], FREQUENCIES[1], np.random.default_rng(3), start=1.5e-3)

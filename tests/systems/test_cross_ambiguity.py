@@ -9,6 +9,7 @@ from systems.ambiguity.estimate import CrossAmbiguity, Flag, Window
 from systems.ambiguity.limits import check_duration, longest_duration
 from systems.ambiguity.phasor import phasor
 from systems.ambiguity.prefilter import Band, Everything, RootRaisedCosine
+from systems.ambiguity.surface import ambiguity_surface
 from systems.ambiguity.threshold import cells, confidence, right_cell_probability
 from systems.ambiguity.variance import best, effective_snr, exact, stein
 from systems.iq.block import IqBlock
@@ -301,6 +302,27 @@ def test_phasor():
     assert_allclose(phasor(rate, -5e4, 70001), exactly, atol=3e-7)  # two roundings of single precision
 
 
+def test_surface_for_pictures():
+    """Highest at the truth, 1 without noise; on its grid the sum written out."""
+    main, auxiliary = pair(30e-6, 400.0, size=4096, guard=200)
+    auxiliary = IqBlock(auxiliary.samples, RATE, CARRIER, auxiliary.start_time)
+    surface = ambiguity_surface(main, auxiliary, Window(30e-6, 400.0, 2e-6, 3000.0), points=(17, 25))
+    assert surface.magnitude.shape == (17, 25)
+    assert np.unravel_index(surface.magnitude.argmax(), (17, 25)) == (8, 12)
+    assert_allclose(surface.magnitude.max(), 1.0, atol=1e-3)
+    # 32 us = 128 samples, and a lead of 200
+    x, y = main.samples[0], auxiliary.samples[0]
+    k = int(np.argmin(np.abs(surface.delay - 32e-6)))
+    assert_allclose(surface.delay[k], 32e-6)
+    part = y[200 + 128 : 200 + 128 + x.size]
+    for m in (0, 12, 20):
+        turn = np.exp(-2j * np.pi * surface.frequency[m] * np.arange(x.size) / RATE)
+        exactly = np.abs((x.conj() * part * turn).sum()) / np.linalg.norm(x) / np.linalg.norm(part)
+        assert_allclose(surface.magnitude[k, m], exactly, atol=2e-3)
+    with pytest.raises(ValueError, match="sample_rate"):
+        ambiguity_surface(main, IqBlock(y, 3e6, CARRIER), Window(0.0, 0.0, 1.0, 1.0))
+
+
 @pytest.mark.parametrize("size", [1000, 4096])
 def test_grid_against_the_sum_written_out(size):
     """Every grid point, but for what a block does not follow (L f/fs <= 1/4: 1 - sinc is at most 0.1)."""
@@ -403,6 +425,20 @@ def test_a_window_beside_the_peak_is_flagged():
     for off in (0.3e-6, 0.7e-6, 1.3e-6, 5e-6, 40e-6):
         result = CAF(*blocks, Window(delay + 10e-6 + off, frequency, 10e-6, 600.0))
         assert not result.good.any(), (off, result.flag)
+
+
+def test_a_repetition_beside_the_window_does_no_harm():
+    """Pulses, 1000 a second: FDOA repeats at 1 kHz. A window of less than that takes the line that is in it."""
+    main, auxiliary = pair(30e-6, 400.0, guard=GUARD)
+    gated = []
+    for block in (main, auxiliary):
+        t = block.start_time[:, None] + np.arange(block.size) / RATE - (30e-6 if block is auxiliary else 0.0)
+        gated.append(IqBlock(block.samples * (np.mod(t, 1e-3) < 50e-6), RATE, CARRIER, block.start_time))
+    for centre, line in ((400.0, 400.0), (20.0, 400.0), (800.0, 400.0), (1400.0, 1400.0), (-300.0, -600.0)):
+        result = CAF(*gated, Window(30e-6, centre, 20e-6, 450.0))
+        assert result.good[0], (centre, result.flag)
+        # the repetitions of an integration of 16.4 pulses are not exactly at whole lines
+        assert_allclose(result.frequency, line, rtol=0, atol=0.5)
 
 
 def test_a_peak_at_the_edge_but_inside_is_good():
