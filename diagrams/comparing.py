@@ -135,11 +135,8 @@ def comparison_markdown(found: Sequence[Mapping[str, Any]]) -> str:
     seconds = ", ".join(f"{one['system']} {one['run_seconds']:.0f} s" for one in found)
     extra = [f"{one['system']}: {line}." for one in found for line in _lighter(one)]
     extra += [f"{one['system']}: left out: {n}: {why}." for one in found for n, why in one["left_out"].items()]
-    lines += [
-        "",
-        f"{first['trials']} trials, seed {first['seed']}; {first['machine']}; {seconds}. {_legend(first)}",
-        *extra,
-    ]
+    facts = f"{first['trials']} trials, seed {first['seed']}; {first['machine']}; {seconds}."
+    lines += ["", f"{facts} {_legend(first)}", *extra]
     return "\n".join(lines) + "\n"
 
 

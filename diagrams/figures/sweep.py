@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator
 
 from diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure
 
@@ -58,7 +59,7 @@ def draw_sweep(found: Mapping[str, Any], geometric: bool = False) -> Figure:
     if geometric:
         bottom.set_xscale("log")
         bottom.set_xticks(values, [f"{value:g}" for value in values])
-        bottom.minorticks_off()
+        bottom.xaxis.set_minor_locator(NullLocator())
     bottom.set_xlabel(found["key"])
     variant = f":{found['variant']}" if found["variant"] else ""
     times = sorted(set(found["time_s"]))
