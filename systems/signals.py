@@ -13,6 +13,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from types import MethodType
 from typing import Any
 
 import numpy as np
@@ -121,10 +122,15 @@ class EnsembleBlock(LeafSystem):
 
         Drake copies what is on a port with `copy.deepcopy`, whenever a context is cloned: the object should be frozen
         and its own deep copy, as an `IqBlock` is.
+
+        A bound method is held weakly: unlike a vector port's, Drake 1.58 never lets go of an abstract port's callables.
         """
+        bound = weakref.WeakMethod(calc) if isinstance(calc, MethodType) else None
+        plain = None if isinstance(calc, MethodType) else calc
 
         def write(context: Context, output: AbstractValue) -> None:
-            output.set_value(calc(context))
+            now = plain if bound is None else bound()
+            output.set_value(now(context) if now is not None else ())
 
         return self.DeclareAbstractOutputPort(
             name, lambda: AbstractValue.Make(()), write, prerequisites_of_calc=set(tickets)
