@@ -10,6 +10,7 @@ in memory (on Drake 1.58 a cache entry whose callables hold the block keeps the 
 
 from __future__ import annotations
 
+import enum
 import weakref
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -34,6 +35,12 @@ from pydrake.systems.framework import (
 __all__ = ["Constant", "Draw", "EnsembleBlock", "ensemble", "leaf_systems", "set_draw"]
 
 _LARGEST_EXACT = 2**53  # seed and first trial travel as doubles
+
+
+class _Nothing(enum.Enum):
+    """Stands for None in a cache entry, which Drake 1.58 does not take; a copy of it is itself."""
+
+    NONE = enum.auto()
 
 
 @dataclass(frozen=True)
@@ -144,14 +151,16 @@ class EnsembleBlock(LeafSystem):
         name : str
             Name of the entry.
         calc : callable
-            ``calc(block, context) -> value``: a plain function or an unbound method, never a bound one.
+            ``calc(block, context) -> value``: a plain function or an unbound method, never a bound one. The value may
+            be None.
         tickets : iterable of DependencyTicket
             What the value depends on.
         """
         me = weakref.ref(self)
 
         def refill(context: Context, value: AbstractValue) -> None:
-            value.set_value(calc(me(), context))
+            result = calc(me(), context)
+            value.set_value(_Nothing.NONE if result is None else result)
 
         return self.DeclareCacheEntry(
             name,
@@ -161,7 +170,8 @@ class EnsembleBlock(LeafSystem):
 
     def cached(self, context: Context, index: Any) -> Any:
         """Return the up-to-date value of a cache entry made by `declare_cached`."""
-        return self.get_cache_entry(index).Eval(context)
+        value = self.get_cache_entry(index).Eval(context)
+        return None if value is _Nothing.NONE else value
 
     def cached_ticket(self, index: Any) -> Any:
         """Return the ticket of a cache entry made by `declare_cached`."""
