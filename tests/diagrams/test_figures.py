@@ -134,7 +134,7 @@ def test_inertial_states_have_no_ground_track(tmp_path):
     assert "ground.png" not in names and "error_height.png" not in names and "error_position.png" in names
 
 
-def test_health_of_particle_filters(tmp_path):
+def test_health_of_particle_filters():
     """Drawn where a result has it, for those that have it."""
     data = full_result(names=("iekf", "pf"))
     assert particle_filters(data) == []
@@ -147,4 +147,3 @@ def test_health_of_particle_filters(tmp_path):
     figure = draw_particle_health(data)
     assert [axes.get_ylabel() for axes in figure.axes] == ["unique ancestors", "effective particles", "recent evidence"]
     assert [len(axes.get_lines()) for axes in figure.axes] == [1, 1, 2]  # and the threshold of the evidence
-    assert "particles.png" in {path.name for path in study_figures(data, tmp_path)}

@@ -12,7 +12,7 @@ from systems.estimators.start import GivenStart
 from tests.laws.cases import SAMPLED
 from tests.laws.rig import PORTS, Scene, make, run
 
-TRIALS, EPOCHS = 100, 8
+TRIALS, EPOCHS = 100, 5
 PARTS = {"1": slice(37, 38), "7": slice(33, 40), "100": slice(0, 100)}
 FEW = 300
 CASES = {
