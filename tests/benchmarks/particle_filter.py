@@ -183,7 +183,7 @@ def bootstrap(scene: Scene, particles: int) -> Array:
 def compare(size: Size) -> Section:
     """Return the table: cost of one particle and step."""
     particles = 200 if size.tiny else 10_000
-    duration = 4.0 if size.tiny else 30.0
+    duration = 4.0 if size.tiny else 60.0
     section = Section(
         f"Particle filters, dual_satellite, {particles} particles, {duration:g} steps: cost of one particle and step",
         ("filter", "microseconds: median (range)", "Stone Soup / this (range)", "aim", ""),
