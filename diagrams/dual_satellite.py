@@ -255,7 +255,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
     wired = _add_estimators(builder, scenario, estimators, clock, trials, truth, truth_motion, platforms, measured)
     if chain is None:
         return wired
-    wired.widest = chain.widest
+    wired.widest, wired.note = chain.widest, chain.note
     if chain.feedback:
         first = wired.estimators[estimators[0]]
         for port in ("prediction", "prediction_covariance"):

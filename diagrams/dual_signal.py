@@ -100,6 +100,9 @@ class Signal:
     gain_main: float = number("amplification of the main satellite's channel", 1.0, above=0)
     gain_auxiliary: float = number("the same of the auxiliary satellite's", 0.7, above=0)
     link_bits: int = count("bits of I and of Q on the inter-satellite link; 0: not quantised", 8, at_least=0)
+    link_full_scale: float = number(
+        "what is beyond so many standard deviations of the samples is clipped", 4.0, above=0
+    )
     link_delay_us: float = number("delay of the link, known to the main satellite [us]", 334.0)
     link_delay_error_ns: float = number("part of it that is not known: an error of the TDOA [ns]", 0.0)
     prefilter: str = choice(
@@ -148,6 +151,8 @@ class SignalChain:
         What the cross-ambiguity function says of its own errors.
     widest : int
         Most trials at once, for the memory that samples take.
+    note : str
+        Signal-to-noise ratios with the bandwidth that they hold in, and what they leave.
     """
 
     measurement: OutputPort
@@ -157,6 +162,7 @@ class SignalChain:
     quality: OutputPort
     differences_covariance: OutputPort
     widest: int
+    note: str
 
 
 def waveform_of(signal: Signal) -> Waveform:
@@ -282,7 +288,9 @@ def add_signal_chain(
         receivers.append(receiver)
     delay = signal.link_delay_us * 1e-6
     link = builder.AddSystem(
-        InterSatelliteLink(delay + signal.link_delay_error_ns * 1e-9, delay, signal.link_bits or None)
+        InterSatelliteLink(
+            delay + signal.link_delay_error_ns * 1e-9, delay, signal.link_bits or None, signal.link_full_scale
+        )
     )
     builder.Connect(receivers[1].GetOutputPort("iq"), link.GetInputPort("iq"))
 
@@ -308,7 +316,9 @@ def add_signal_chain(
     )
     builder.Connect(measured, window.GetInputPort("direction"))
     builder.Connect(platforms, window.GetInputPort("platforms"))
-    function = CrossAmbiguity(signal.samples, prefilter_of(signal), signal.confidence)
+    # samples of one or two bits are all or often at their largest value: that is no saturated receiver
+    coarse = 0 < signal.link_bits <= 2
+    function = CrossAmbiguity(signal.samples, prefilter_of(signal), signal.confidence, 1.0 if coarse else 0.02)
     ambiguity = builder.AddSystem(CrossAmbiguitySensor(function, None, clock, trials, keep_flagged=not signal.gate))
     builder.Connect(receivers[0].GetOutputPort("iq"), ambiguity.GetInputPort("main"))
     builder.Connect(link.GetOutputPort("iq"), ambiguity.GetInputPort("auxiliary"))
@@ -328,4 +338,14 @@ def add_signal_chain(
         ambiguity.GetOutputPort("quality"),
         ambiguity.GetOutputPort("noise_covariance"),
         max(1, int(_SAMPLES_AT_ONCE / signal.samples)),
+        _note(signal),
+    )
+
+
+def _note(signal: Signal) -> str:
+    delay, frequency = predicted_sigmas(signal)
+    return (
+        f"SNR {signal.snr_main_db:g} and {signal.snr_auxiliary_db:g} dB in the sample rate of "
+        f"{signal.sample_rate_mhz:g} MHz leave {1e9 * delay:.3g} ns of TDOA and {frequency:.3g} Hz of FDOA above the "
+        "threshold"
     )

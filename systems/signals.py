@@ -10,9 +10,11 @@ in memory (on Drake 1.58 a cache entry whose callables hold the block keeps the 
 
 from __future__ import annotations
 
+import enum
 import weakref
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from types import MethodType
 from typing import Any
 
 import numpy as np
@@ -33,6 +35,12 @@ from pydrake.systems.framework import (
 __all__ = ["Constant", "Draw", "EnsembleBlock", "ensemble", "leaf_systems", "set_draw"]
 
 _LARGEST_EXACT = 2**53  # seed and first trial travel as doubles
+
+
+class _Nothing(enum.Enum):
+    """Stands for None in a cache entry, which Drake 1.58 does not take; a copy of it is itself."""
+
+    NONE = enum.auto()
 
 
 @dataclass(frozen=True)
@@ -121,10 +129,15 @@ class EnsembleBlock(LeafSystem):
 
         Drake copies what is on a port with `copy.deepcopy`, whenever a context is cloned: the object should be frozen
         and its own deep copy, as an `IqBlock` is.
+
+        A bound method is held weakly: unlike a vector port's, Drake 1.58 never lets go of an abstract port's callables.
         """
+        bound = weakref.WeakMethod(calc) if isinstance(calc, MethodType) else None
+        plain = None if isinstance(calc, MethodType) else calc
 
         def write(context: Context, output: AbstractValue) -> None:
-            output.set_value(calc(context))
+            now = plain if bound is None else bound()
+            output.set_value(now(context) if now is not None else ())
 
         return self.DeclareAbstractOutputPort(
             name, lambda: AbstractValue.Make(()), write, prerequisites_of_calc=set(tickets)
@@ -138,14 +151,16 @@ class EnsembleBlock(LeafSystem):
         name : str
             Name of the entry.
         calc : callable
-            ``calc(block, context) -> value``: a plain function or an unbound method, never a bound one.
+            ``calc(block, context) -> value``: a plain function or an unbound method, never a bound one. The value may
+            be None.
         tickets : iterable of DependencyTicket
             What the value depends on.
         """
         me = weakref.ref(self)
 
         def refill(context: Context, value: AbstractValue) -> None:
-            value.set_value(calc(me(), context))
+            result = calc(me(), context)
+            value.set_value(_Nothing.NONE if result is None else result)
 
         return self.DeclareCacheEntry(
             name,
@@ -155,7 +170,8 @@ class EnsembleBlock(LeafSystem):
 
     def cached(self, context: Context, index: Any) -> Any:
         """Return the up-to-date value of a cache entry made by `declare_cached`."""
-        return self.get_cache_entry(index).Eval(context)
+        value = self.get_cache_entry(index).Eval(context)
+        return None if value is _Nothing.NONE else value
 
     def cached_ticket(self, index: Any) -> Any:
         """Return the ticket of a cache entry made by `declare_cached`."""

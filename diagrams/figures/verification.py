@@ -45,9 +45,11 @@ def draw_verification(report: Report) -> Figure:
                 axes.plot([edge, edge], [y - 0.36, y + 0.36], color="0.3", linewidth=1.5, zorder=1)
         ends = np.clip([lower, upper], start, _END)
         axes.plot(ends, [y, y], color=colour, linewidth=3, solid_capstyle="butt", zorder=2)
-        axes.plot(np.clip(estimate, start, _END), y, marker, color=colour, markersize=8, zorder=3, clip_on=False)
-        if upper > _END:
-            axes.annotate("", (_END, y), (_END - 0.06, y), arrowprops={"arrowstyle": "->", "color": colour, "lw": 2})
+        if start <= estimate <= _END:
+            axes.plot(estimate, y, marker, color=colour, markersize=8, zorder=3, clip_on=False)
+        for beyond, edge, tail in ((upper > _END, _END, _END - 0.1), (lower < start, start, start + 0.1)):
+            if beyond:
+                axes.annotate("", (edge, y), (tail, y), arrowprops={"arrowstyle": "->", "color": colour, "lw": 2})
     axes.set_yticks(range(count), [_label(finding) for finding in report.findings], fontsize=10)
     axes.set(
         xlim=(start, _END), ylim=(count - 0.4, -0.6), xlabel="metric divided by its limit (the upper one of a band)"

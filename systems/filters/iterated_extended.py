@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from systems.filters.gaussian import GaussianFilter, take
 from systems.filters.linear_algebra import cholesky
-from systems.filters.square_root import Gains, Posterior
+from systems.filters.square_root import Gains, Posterior, report
 from systems.filters.whitening import Whitener, missing_rows
 from systems.measurement.base import MeasurementModel
 
@@ -74,13 +74,7 @@ class IteratedExtendedKalman(GaussianFilter):
             trials = _Trials(mean, root, measurement, platforms, weight, missing)
             gains = self._iterate(trials, model, state, step, gains)
 
-        if missing is None:
-            used = np.full(mean.shape[0], float(model.size))
-        else:
-            innovation = np.where(missing, np.nan, innovation)
-            used = np.count_nonzero(~missing, axis=-1).astype(float)
-            nis = np.where(used > 0, nis, np.nan)
-        return Posterior(state, gains.covariance(), innovation, nis, used)
+        return report(state, gains.covariance(), innovation, nis, missing)
 
     def _iterate(self, trials: _Trials, model: MeasurementModel, state: Array, step: Array, gains: Gains) -> Gains:
         """Move `state` to where each trial converges; return the gains of every trial's last linearisation."""

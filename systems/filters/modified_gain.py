@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from systems.filters.gaussian import GaussianFilter
 from systems.filters.linear_algebra import cholesky
-from systems.filters.square_root import Gains, Posterior
+from systems.filters.square_root import Gains, Posterior, report
 from systems.filters.whitening import Whitener, missing_rows
 from systems.measurement.base import MeasurementModel
 
@@ -57,13 +57,7 @@ class ModifiedGainKalman(GaussianFilter):
         gains = Gains(root, weight @ (jacobian @ root))
         step, nis = gains.update((weight @ innovation[..., None])[..., 0])
         posterior = self._covariance(gains, weight @ (secant - jacobian))
-        if missing is None:
-            used = np.full(mean.shape[0], float(model.size))
-        else:
-            innovation = np.where(missing, np.nan, innovation)
-            used = np.count_nonzero(~missing, axis=-1).astype(float)
-            nis = np.where(used > 0, nis, np.nan)
-        return Posterior(mean + step, posterior, innovation, nis, used)
+        return report(mean + step, posterior, innovation, nis, missing)
 
     @staticmethod
     def _covariance(gains: Gains, difference: Array) -> Array:

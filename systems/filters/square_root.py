@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from systems.filters.linear_algebra import cholesky, inverse_lower
 
-__all__ = ["Gains", "Posterior"]
+__all__ = ["Gains", "Posterior", "report"]
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,16 @@ class Posterior(NamedTuple):
     innovation: Array
     nis: Array
     nis_dof: Array
+
+
+def report(
+    mean: Array, covariance: Array, innovation: Array, nis: Array, missing: NDArray[np.bool_] | None
+) -> Posterior:
+    """Return the posterior: NaN for the innovation of rows that are missing (trials, m), and the others counted."""
+    if missing is None:
+        return Posterior(mean, covariance, innovation, nis, np.full(mean.shape[0], float(innovation.shape[-1])))
+    used = np.count_nonzero(~missing, axis=-1).astype(float)
+    return Posterior(mean, covariance, np.where(missing, np.nan, innovation), np.where(used > 0, nis, np.nan), used)
 
 
 class Gains:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from systems.filters.gaussian import GaussianFilter, predict_extended
 from systems.filters.linear_algebra import cholesky, inverse_lower, symmetric
-from systems.filters.square_root import Gains, Posterior
+from systems.filters.square_root import Gains, Posterior, report
 from systems.filters.whitening import Whitener, missing_rows
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
@@ -113,13 +113,7 @@ class UnscentedKalman(GaussianFilter):
         inflated = inverse_lower(cholesky(np.eye(model.size) + omega)) @ w
         gains = Gains(root, inflated @ np.swapaxes(odd, -1, -2))
         step, nis = gains.update((inflated @ innovation[..., None])[..., 0])
-        if missing is None:
-            used = np.full(mean.shape[0], float(model.size))
-        else:
-            innovation = np.where(missing, np.nan, innovation)
-            used = np.count_nonzero(~missing, axis=-1).astype(float)
-            nis = np.where(used > 0, nis, np.nan)
-        return Posterior(mean + step, gains.covariance(), innovation, nis, used)
+        return report(mean + step, gains.covariance(), innovation, nis, missing)
 
 
 def _points(mean: Array, spread: Array) -> Array:

@@ -12,14 +12,20 @@ import pytest
 pytest.importorskip("stonesoup", reason="the bench extra is not installed")
 pytest.importorskip("filterpy", reason="the bench extra is not installed")
 
+from stonesoup.types.array import StateVectors
+from stonesoup.types.state import ParticleState
+
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.base import SPEED_OF_LIGHT
+from systems.measurement.body_frame import body_frame
 from systems.measurement.stack import Stack
 from tests.benchmarks import one_study
 from tests.benchmarks.__main__ import main
 from tests.benchmarks.agreement import agreement
 from tests.benchmarks.harness import Peer, Size, race, ratios
 from tests.benchmarks.own_peers import loop
+from tests.benchmarks.particle_filter import Measurement as ParticleMeasurement
+from tests.benchmarks.particle_filter import bootstrap, make_scene
 from tests.benchmarks.recorded_pass import RecordedPass, record_pass
 from tests.benchmarks.registry import COMPARISONS
 from tests.benchmarks.report import Section, Threshold, markdown, spread, text
@@ -165,3 +171,25 @@ def test_peak_memory_is_that_of_the_process_and_not_of_its_parent():
     assert mine > ballast.nbytes / 1e6
     child = json.loads(subprocess.run(CHILD, capture_output=True, text=True, check=True, cwd=ROOT).stdout)
     assert 20 < child["megabytes"] < mine - 200  # Python, NumPy and Drake take their share
+
+
+def test_stone_soup_measures_what_the_particle_filters_of_the_packaged_diagram_measure():
+    scene = make_scene(50, 2.0)
+    model = scene.estimator.model
+    direction, _, doppler = model.models
+    states = np.concatenate([scene.prior[0], np.array([100.0, -50.0, 20.0])]) + np.arange(30).reshape(5, 6) * 100.0
+    own = model.predict(states, scene.platforms[1]) * [1.0, 1.0, SPEED_OF_LIGHT, 1.0]
+    axes = body_frame(scene.platforms[1], direction.platform, direction.earth_rate)
+    peer = ParticleMeasurement(
+        ndim_state=6,
+        mapping=(0, 1, 2, 3, 4, 5),
+        noise_covar=np.eye(4),
+        platforms=scene.platforms[1],
+        axes=axes,
+        carrier=doppler.carrier,
+    )
+    theirs = np.asarray(peer.function(ParticleState(StateVectors(states.T))), dtype=float).T
+    np.testing.assert_allclose(theirs, own, rtol=1e-9)
+    # and both are at work: at the start the two means are those of 50 particles each of one prior
+    apart = bootstrap(scene, 50)[0, :3] - scene.prior[0]
+    assert np.linalg.norm(apart) < 30e3

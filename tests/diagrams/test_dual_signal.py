@@ -66,6 +66,7 @@ def test_the_diagram_shows_the_units_of_the_patent():
     }
     assert wired.dashed == [("iekf", "search_window")]
     assert wired.widest == 30
+    assert wired.note.startswith("SNR -12 and -12 dB in the sample rate of 4 MHz leave 10.3 ns of TDOA and 1.2 Hz")
     # what is on the main satellite and no sensor knows the emitter by its signal only
     for (target, _), (source, _) in diagram.connection_map().items():
         if target.get_name() in ("search_window", "cross_ambiguity", "measurements", "inter_satellite_link"):
@@ -130,6 +131,28 @@ def test_it_starts_from_its_own_first_measurement():
     result = study("signal", 2, duration_s=6.0, **SHORT, **{"belief.start": "measurement"})
     assert np.isfinite(result["estimate"]).all()
     assert (result["nees"] < 40).all()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"sensing.waveform": "!BandLimitedNoise {}", "sensing.window": "direction"},
+        {"truth.motion": "!RandomAcceleration {sigma_velocity_mps: 200}", "sensing.link_bits": 1},
+        {"sensing.prefilter": "none", "truth.direction": "cosines", "truth.motion": "!GreatCircle {}"},
+    ],
+    ids=lambda settings: ", ".join(settings),
+)
+def test_options_work(settings):
+    """TDOA and FDOA are there, none further off than five of their predicted standard deviations (16 numbers)."""
+    given = {**SHORT, **settings}
+    result = study("signal", 2, duration_s=6.0, **given)
+    exact = models(load_scenario("dual_satellite", "signal"), believed=True)
+    truth, platforms = result["truth"].values, result["platforms"].values
+    error = np.stack([exact[kind].predict(truth, platforms)[..., 0] for kind in ("tdoa", "fdoa")], axis=-1)
+    error = result["measurement"].values[..., 2:] - error
+    normalised = error / np.sqrt(result["differences_covariance"].values[..., [0, 3]])
+    assert np.isfinite(normalised).all() and np.abs(normalised).max() < 5.0
+    assert np.isfinite(result["estimate"]).all()
 
 
 def test_a_receiver_below_the_horizon_leaves_the_direction():

@@ -12,7 +12,7 @@ from systems.estimators.pf_sir import PfSir
 from systems.estimators.start import GivenStart
 from systems.filters.particle.draws import Draws
 from systems.filters.particle.health import LEAST_EVIDENCE, evidence, follow
-from systems.filters.particle.kernel import bandwidth, shrunk_kernel
+from systems.filters.particle.kernel import bandwidth, lost_spread, shrunk_kernel
 from systems.filters.particle.likelihood import Likelihood, Reading
 from systems.filters.particle.tempering import conditional_share, next_exponent
 from systems.filters.particle.update import Cloud, ParticleUpdate
@@ -64,11 +64,26 @@ def test_kernel_keeps_mean_and_covariance():
     cloud = 100 + root @ rng.normal(size=(1, 3, 200_000))
     equal = np.full((1, 200_000), 1 / 200_000)
     mean, covariance = moments(cloud, equal)
-    moved = shrunk_kernel(cloud, mean, np.linalg.cholesky(covariance), rng.normal(size=cloud.shape), 0.4)
+    moved = shrunk_kernel(cloud, mean, np.linalg.cholesky(covariance), rng.normal(size=cloud.shape), 0.4, np.zeros(1))
     after_mean, after = moments(moved, equal)
     np.testing.assert_allclose(after_mean, mean, atol=0.02)
     np.testing.assert_allclose(after, covariance, rtol=0.02, atol=0.02)
     assert np.abs(moved - cloud).max() > 1  # or else nothing moved
+
+
+def test_spread_that_a_weighted_covariance_has_lost():
+    """Sixty particles weighted in one of three directions: the variance of the others, over 4000 trials.
+
+    Their effective size is about 34, so that 3 % are missing. The mean over the trials is known to
+    sqrt(2/34/8000) = 0.3 %: four of these.
+    """
+    cloud = np.random.default_rng(8).normal(size=(4000, 3, 60))
+    weight, _ = normalise(-0.5 * (2.0 * (cloud[:, 0] - 0.3)) ** 2)
+    _, covariance = moments(cloud, weight)
+    others = np.einsum("tii->ti", covariance)[:, 1:].mean(axis=-1)
+    assert others.mean() < 0.98
+    assert (others * (1 + lost_spread(effective_size(weight)))).mean() == pytest.approx(1.0, abs=0.012)
+    assert lost_spread(np.array([1.0])) == 1.0  # one particle left: no more than that
 
 
 def test_bandwidths():

@@ -161,3 +161,17 @@ def test_bad_trials(trials):
 def test_a_block_needs_a_name():
     with pytest.raises(ValueError, match="name"):
         Constant("", [0.0])
+
+
+def test_a_cached_value_may_be_nothing():
+    """Drake 1.58 refuses None as an abstract value, Drake 1.51 takes it."""
+
+    class Silent(EnsembleBlock):
+        def __init__(self):
+            super().__init__("silent")
+            self.index = self.declare_cached("nothing", lambda block, context: None, {self.time_ticket()})
+
+    block = Silent()
+    context = block.CreateDefaultContext()
+    assert block.cached(context, block.index) is None
+    assert block.cached(context.Clone(), block.index) is None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from systems.filters.linear_algebra import cholesky
 from systems.filters.particle.draws import Draws
-from systems.filters.particle.kernel import bandwidth, shrunk_kernel
+from systems.filters.particle.kernel import bandwidth, lost_spread, shrunk_kernel
 from systems.filters.particle.likelihood import Likelihood
 from systems.filters.particle.resampling import SCHEMES, parents
 from systems.filters.particle.tempering import next_exponent
@@ -122,8 +122,9 @@ class ParticleUpdate:
         Parameters
         ----------
         cloud : Cloud
+            Its weights are not read.
         weight : ndarray, shape (trials, N)
-            They sum to 1.
+            Weights to be used instead; they sum to 1.
         mean, covariance : ndarray, shapes (trials, n) and (trials, n, n)
             Moments of the weighted cloud.
         draws : Draws
@@ -146,7 +147,8 @@ class ParticleUpdate:
             np.take(a, rows, out=b, mode="clip")
         if self.kernel:
             white = draws.normal(f"kernel:{stage}", which, (n, count))
-            particles = shrunk_kernel(particles, mean, cholesky(covariance), white, bandwidth(n, count))
+            widening = lost_spread(effective_size(weight))
+            particles = shrunk_kernel(particles, mean, cholesky(covariance), white, bandwidth(n, count), widening)
         return Cloud(particles, np.zeros((trials, count)), ancestor)
 
     def __call__(self, cloud: Cloud, likelihood: Likelihood, residual: Array, draws: Draws) -> Updated:

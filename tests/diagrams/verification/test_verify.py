@@ -138,7 +138,16 @@ def test_exit_status_table_and_files(tmp_path, capsys):
         file = written(tmp_path, head + text)
         found, out, err = command(capsys, file, "--out", tmp_path / "out", "--overwrite")
         assert found == status, out + err
-    for words in ("far below", "about there", "undecided", "fails", "holds", "<= 9000", "0.95", "1 of 3 hold"):
+    for words in (
+        "far below",
+        "about there",
+        "undecided",
+        "fails",
+        "holds",
+        "<= 9000",
+        "probability 0.05",
+        "1 of 3 hold",
+    ):
         assert words in out
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"verification.json", "verification.png"}
     written_ = json.loads((tmp_path / "out" / "verification.json").read_text())
