@@ -53,7 +53,7 @@ Array = NDArray[np.float64]
 STANDARD = ("ekf", "iekf", "ukf", "pf")
 """Estimators of the registry that every system is asked to take."""
 
-_LIGHT: Mapping[str, Mapping[str, Any]] = {"pf": {"particles": 1000}, "pf_sir": {"particles": 1000}}
+_LIGHT: Mapping[str, Mapping[str, Any]] = {"pf": {"particles": 4000}, "pf_sir": {"particles": 4000}}
 """Options of those that cost a thousand times as much as a Kalman filter, where nobody asked for them by name."""
 
 _MOST = 200_000  # epochs times trials for which such a one is added unasked: some minutes

@@ -22,7 +22,7 @@ from systems.registry import ESTIMATORS
 SHORT = {
     "three_satellite": ["duration_s=12"],
     "bearing_crossing": ["duration_s=40"],
-    "beacon_rocket": ["stop_s=52"],
+    "beacon_rocket": ["stop_s=50.5"],
     "satellite_ranging": ["duration_s=100"],
     "dual_satellite": ["duration_s=12"],
 }
