@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.gaussian import GaussianFilter
+from systems.filters.gaussian import GaussianFilter, WrappingFilter
 from systems.filters.linear_algebra import cholesky
 from systems.filters.square_root import Posterior
 from systems.filters.unscented import UnscentedKalman
 from systems.filters.whitening import Whitener, missing_rows
 from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
 
 __all__ = ["CommonModeMonitor", "common_mode_statistics"]
 
@@ -70,7 +69,7 @@ def common_mode_statistics(
 
 
 @dataclass(frozen=True)
-class CommonModeMonitor(GaussianFilter):
+class CommonModeMonitor(WrappingFilter):
     """Any Gaussian filter, with two tests before its update.
 
     *Gate*: where the common-mode-free statistic n exceeds `gate`, some rows have switched and others not yet; the
@@ -107,10 +106,6 @@ class CommonModeMonitor(GaussianFilter):
             value = getattr(self, name)
             if math.isnan(value) or value <= 0:
                 raise ValueError(f"{name}: {value} is not allowed; a number > 0")
-
-    def predict(self, mean: Array, covariance: Array, motion: MotionModel, dt: float) -> tuple[Array, Array]:
-        """See `GaussianFilter.predict`."""
-        return self.algorithm.predict(mean, covariance, motion, dt)
 
     def update(
         self,

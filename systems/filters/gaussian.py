@@ -13,7 +13,7 @@ from systems.filters.whitening import Whitener
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 
-__all__ = ["GaussianFilter", "predict_extended", "take"]
+__all__ = ["GaussianFilter", "WrappingFilter", "predict_extended", "take"]
 
 Array = NDArray[np.float64]
 
@@ -50,6 +50,22 @@ class GaussianFilter(ABC):
         whitener : Whitener
             The noise covariance that the filter believes in, factored.
         """
+
+
+class WrappingFilter(GaussianFilter):
+    """A filter that does something before or after another one's update, and predicts as that one does.
+
+    Attributes
+    ----------
+    algorithm : GaussianFilter
+        The other one.
+    """
+
+    algorithm: GaussianFilter
+
+    def predict(self, mean: Array, covariance: Array, motion: MotionModel, dt: float) -> tuple[Array, Array]:
+        """See `GaussianFilter.predict`."""
+        return self.algorithm.predict(mean, covariance, motion, dt)
 
 
 def predict_extended(mean: Array, covariance: Array, motion: MotionModel, dt: float) -> tuple[Array, Array]:

@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.gaussian import GaussianFilter
+from systems.filters.gaussian import GaussianFilter, WrappingFilter
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.square_root import Posterior
 from systems.filters.whitening import Whitener
 from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
 
 __all__ = ["StudentRows"]
 
@@ -22,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class StudentRows(GaussianFilter):
+class StudentRows(WrappingFilter):
     r"""Any Gaussian filter, with the noise of each row scaled as if it were Student's t.
 
     .. math:: R_{ii} \leftarrow R_{ii}\,\frac{\nu + r_i^2}{\nu + 1}\ \ (\ge R_{ii}), \qquad r_i^2 = \nu_i^2/S_{ii}
@@ -50,10 +49,6 @@ class StudentRows(GaussianFilter):
         """Check the arguments."""
         if math.isnan(self.freedom) or self.freedom <= 0:
             raise ValueError(f"freedom: {self.freedom} is not allowed; degrees of freedom > 0")
-
-    def predict(self, mean: Array, covariance: Array, motion: MotionModel, dt: float) -> tuple[Array, Array]:
-        """See `GaussianFilter.predict`."""
-        return self.algorithm.predict(mean, covariance, motion, dt)
 
     def update(
         self,

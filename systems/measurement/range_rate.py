@@ -56,10 +56,13 @@ class RangeRate(MeasurementModel):
         An unscented filter spends most of its time here. Axes and rows first: the innermost loop of every operation
         then runs over trials and sigma points, not over three axes or a handful of stations.
         """
-        leading = max(target.ndim, platforms.ndim - 1) - 1
         used = np.moveaxis(platforms[..., self._received, :], (-1, -2), (0, 1))
-        used = used.reshape(*used.shape[:2], *(1,) * (leading - used.ndim + 2), *used.shape[2:])
         state = np.ascontiguousarray(np.moveaxis(target[..., : 3 if self.at_rest else 6], -1, 0))[:, None]
+        # broadcast from the right, as everywhere, behind the rows
+        leading = max(state.ndim, used.ndim) - 2
+        state, used = (
+            part.reshape(*part.shape[:2], *(1,) * (leading - part.ndim + 2), *part.shape[2:]) for part in (state, used)
+        )
         offset = state[:3] - used[:3]
         velocity = -used[3:] if self.at_rest else state[3:] - used[3:]
         distance = np.sqrt(_over_axes(offset * offset))

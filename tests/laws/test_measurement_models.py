@@ -168,3 +168,13 @@ def test_nothing_is_remembered_from_call_to_call(name):
         np.testing.assert_allclose(value, expected, rtol=1e-12)
     for value, expected in zip(model.linearize(targets, platforms), before, strict=True):
         np.testing.assert_array_equal(value, expected)
+
+
+def test_targets_and_platforms_broadcast(name):
+    """Leading axes meet from the right: one target and platforms with an axis more, targets and platforms without."""
+    model, targets, platforms = example(name)
+    value, jacobian = model.linearize(targets, platforms)
+    for target, platform in ((targets[:1], platforms[0]), (targets[0], platforms), (targets[0], platforms[0])):
+        one, derivative = model.linearize(target, platform)
+        np.testing.assert_allclose(np.reshape(one, -1), value[0], rtol=1e-12)
+        np.testing.assert_allclose(np.reshape(derivative, jacobian[0].shape), jacobian[0], rtol=1e-9, atol=1e-300)
