@@ -13,6 +13,7 @@ import pytest
 
 from diagrams import command_line
 from diagrams.results import open_result
+from tests.interrupts import listening
 
 QUIETFIX = [sys.executable, "-m", "diagrams.command_line"]
 PROJECT = Path(__file__).parents[2]
@@ -147,7 +148,7 @@ def test_wrong_type_on_the_command_line_is_status_2(capsys):
 def test_interrupt_keeps_finished_chunks_and_says_so(tmp_path):
     arguments = ["run", "three_satellite", "--trials", "100000", "--chunk", "20", "--out", "long", *SHORT]
     process = subprocess.Popen(
-        [*QUIETFIX, *arguments], cwd=tmp_path, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT
+        [*QUIETFIX, *arguments], cwd=tmp_path, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT, preexec_fn=listening
     )
     store = tmp_path / "long.partial" / "results.zarr" / "zarr.json"
     for _ in range(600):

@@ -18,6 +18,7 @@ from diagrams.metrics import errors
 from diagrams.results import open_result
 from diagrams.study import Study
 from diagrams.sweep import Sweep, parse_vary, sweep
+from tests.interrupts import listening
 from tests.laws.test_truth_ports import connections, leaks
 
 PROJECT = Path(__file__).parents[2]
@@ -270,7 +271,9 @@ def test_interrupt_keeps_the_finished_points(tmp_path):
     command = [sys.executable, "-m", "diagrams.command_line", "sweep", "three_satellite", "--trials", "300"]
     command += ["--vary", "truth.sigma_tdoa_ns=10:40:20", "--out", "cut", "--estimator", "iekf"]
     environment = os.environ | {"PYTHONPATH": str(PROJECT)}
-    running = subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True)
+    running = subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True, preexec_fn=listening
+    )
     store = tmp_path / "cut.partial" / "results.zarr" / "point"
     until = time.monotonic() + 120
     while not store.exists() and running.poll() is None and time.monotonic() < until:

@@ -15,6 +15,7 @@ from diagrams import command_line, run_study
 from diagrams.metrics import diverged, errors, median, percentile, rmse
 from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED
 from diagrams.verification.verify import Verification, verify
+from tests.interrupts import listening
 
 PROJECT = Path(__file__).parents[3]
 SHORT = "system: three_satellite\nset: [duration_s=20]\ntrials: 60\ntrial_limit: 120\nlooks: 2\nseed: 4\n"
@@ -210,7 +211,9 @@ def test_interrupt_is_status_130(tmp_path):
     file = written(tmp_path, SHORT.replace("20]", "150]").replace("120", "200000") + LADDER[len(SHORT) :])
     environment = os.environ | {"PYTHONPATH": str(PROJECT)}
     arguments = [sys.executable, "-m", "diagrams.command_line", "verify", str(file), "--out", "out"]
-    process = subprocess.Popen(arguments, cwd=tmp_path, stderr=subprocess.PIPE, text=True, env=environment)
+    process = subprocess.Popen(
+        arguments, cwd=tmp_path, stderr=subprocess.PIPE, text=True, env=environment, preexec_fn=listening
+    )
     for _ in range(600):
         if (tmp_path / "out.partial").exists():
             break
