@@ -4,5 +4,5 @@ import signal
 
 
 def listening():
-    """Make a child hear Ctrl-C, as ``preexec_fn``: a shell that starts the tests in the background has it ignore that."""
+    """Make a child hear Ctrl-C, as ``preexec_fn``: begun in the background it would ignore that, as its parents do."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
