@@ -300,30 +300,40 @@ def _add_signal(
         ElevationMask(math.radians(scenario.truth.minimum_elevation_deg), "target"),
     )
     _check_duration(scenario, signal, fdoa, orbit)
-    rows = [row for kind in _KINDS for row in believed[kind].names]
+    stack = Stack([real[kind] for kind in _KINDS])
+    spoilt = _spoilt(builder, scenario, stack, clock, chain.measurement, trials, truth, orbit.GetOutputPort("state"))
     signals = {"quality": chain.quality, "differences_covariance": chain.differences_covariance}
-    return Measured(chain.measurement, rows, chain.noise_covariance, signals), chain
+    return Measured(spoilt, stack.names, chain.noise_covariance, signals), chain
 
 
 def _add_sensor(
     builder: DiagramBuilder, scenario: Scenario, clock: Periodic, trials: int, truth: OutputPort, platforms: OutputPort
 ) -> Measured:
     """Add the sensor at measurement level: direction, TDOA and FDOA with the errors that the scenario states."""
-    real, rate = models(scenario, believed=False), scenario.constants.earth_rate_radps
+    real = models(scenario, believed=False)
     stack = Stack([real[kind] for kind in _KINDS])
     sensor = _sensor(builder, scenario, stack, clock, trials, truth, platforms, "sensor")
+    spoilt = _spoilt(builder, scenario, stack, clock, sensor.GetOutputPort("measurement"), trials, truth, platforms)
+    return Measured(spoilt, stack.names)
+
+
+def _spoilt(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    stack: Stack,
+    clock: Periodic,
+    measured: OutputPort,
+    trials: int,
+    truth: OutputPort,
+    platforms: OutputPort,
+) -> OutputPort:
+    """Return direction, TDOA and FDOA with the errors that nobody knows of."""
+    rate = scenario.constants.earth_rate_radps
+    seat = Seat(stack.models[0].names, 0, lambda carrier: body_frame(carrier[..., None, :], 0, rate))
     place = Place(
-        stack,
-        clock,
-        sensor.GetOutputPort("measurement"),
-        truth,
-        platforms,
-        trials,
-        _SATELLITES,
-        seats=[Seat(real["direction"].names, 0, lambda carrier: body_frame(carrier[..., None, :], 0, rate))],
-        clocks={"tdoa_10": (1, 0)},
+        stack, clock, measured, truth, platforms, trials, _SATELLITES, seats=[seat], clocks={"tdoa_10": (1, 0)}
     )
-    return Measured(spoil(builder, scenario.truth.errors, place), stack.names)
+    return spoil(builder, scenario.truth.errors, place)
 
 
 def _sensor(
