@@ -40,3 +40,8 @@ def recorded(data_dir: Path) -> Callable[[str], Path]:
         return folder
 
     return folder_of
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the notebooks: the longest of them would otherwise run alone at the end."""
+    items.sort(key=lambda item: "test_notebooks" not in item.nodeid)
