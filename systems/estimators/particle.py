@@ -237,14 +237,17 @@ class ParticleEstimator(Estimator):
                 moving = motion.driven(carried["motion_input"][group, None])
             else:
                 moving = motion
-            particles[group] = moving.propagate(cloud.particles[group].swapaxes(1, 2), dt).swapaxes(1, 2)
+            moved = moving.propagate(cloud.particles[group].swapaxes(1, 2), dt).swapaxes(1, 2)
             # what the noise of a trial is that has not started or is lost does not matter
             noise = own.process_noise(np.where(np.isfinite(here), here, 1.0), dt)
             if not np.isfinite(noise.sum()):
                 noise = np.where(np.isfinite(noise).all(axis=(-1, -2), keepdims=True), noise, 0.0)
             if noise.any():
                 root = _noise_root(noise.tobytes(), noise.shape)
-                particles[group] += root @ draws.normal("motion", index, (root.shape[-1], self.particles))
+                white = draws.normal("motion", index, (root.shape[-1], self.particles))
+                np.add(moved, root @ white, out=particles[group])
+            else:
+                particles[group] = moved
         kept = {group: memory[group] for group in ("log_weight", "ancestor", "health")}
         return {"particles": particles.reshape(len(particles), -1), **kept, **carried}
 
@@ -293,7 +296,8 @@ class ParticleEstimator(Estimator):
         everyone = np.arange(len(prior.particles))
         residual = reading.residual(prior.particles, everyone)
         missing = ~np.isfinite(reading.measurement)
-        if not np.isfinite(residual.sum()):
+        whole = bool(np.isfinite(residual.sum()))
+        if not whole:
             missing |= ~np.isfinite(residual).any(axis=1)
         rows = np.count_nonzero(~missing, axis=-1)
         value, nis = np.full(missing.shape, np.nan), np.full(len(rows), np.nan)
@@ -312,7 +316,7 @@ class ParticleEstimator(Estimator):
             return after, Innovation(value, nis, rows)
         prior, health = self._window(prior, memory["health"])
         weight, _ = normalise(prior.log_weight)
-        known = residual if np.isfinite(residual.sum()) else np.where(np.isfinite(residual), residual, 0.0)
+        known = residual if whole else np.where(np.isfinite(residual), residual, 0.0)
         value = (known.swapaxes(1, 2) @ weight[..., None])[..., 0]
         result = self.update(prior, Likelihood(reading, missing), residual, draws)
         now = evidence(result.log_evidence, result.spread, rows)

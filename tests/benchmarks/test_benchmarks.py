@@ -174,7 +174,7 @@ def test_peak_memory_is_that_of_the_process_and_not_of_its_parent():
 
 
 def test_stone_soup_measures_what_the_particle_filters_of_the_packaged_diagram_measure():
-    scene = make_scene(50, 2.0)
+    scene = make_scene("pf", 50, 1, 2.0)
     model = scene.estimator.model
     direction, _, doppler = model.models
     states = np.concatenate([scene.prior[0], np.array([100.0, -50.0, 20.0])]) + np.arange(30).reshape(5, 6) * 100.0

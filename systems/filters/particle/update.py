@@ -170,7 +170,7 @@ class ParticleUpdate:
         trials, n, count = cloud.particles.shape
         everyone = np.arange(trials)
         log_likelihood, white = likelihood(cloud.particles, everyone, residual)
-        weight, _ = normalise(cloud.log_weight)
+        weight, before = normalise(cloud.log_weight)
         innovation, spread = moments(np.ascontiguousarray(white.swapaxes(1, 2)), weight)
         spread = spread + np.eye(white.shape[-1])
         del white
@@ -197,7 +197,7 @@ class ParticleUpdate:
             step = remaining
             if self.share is not None and stage < self.max_stages - 1:
                 step = next_exponent(weight, log_likelihood, remaining, self.share)
-            old = normalise(cloud.log_weight)[1] if stage == 0 else math.log(count)
+            old = before if stage == 0 else math.log(count)
             log_weight = cloud.log_weight + step[:, None] * log_likelihood
             weight, log_sum = normalise(log_weight)
             done.log_evidence[active] += log_sum - old
