@@ -28,12 +28,13 @@ class BodyDirection(SightedModel):
         self.platform = platform
         self.earth_rate = earth_rate
 
-    def _body(self, sight: LineOfSight, platforms: Array) -> tuple[Array, Array]:
-        """Return the body frame (..., 3, 3) and the unit vector to the target in it, its axis first, (3, ...)."""
+    def _body(self, sight: LineOfSight, platforms: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+        """Return the body frame (..., 3, 3) and the components (...) in it of the unit vector to the target."""
         frame, u = body_frame(platforms, self.platform, self.earth_rate), sight.direction[..., self.platform, :]
         # Written out: for a cloud of particles it is several times faster than einsum over axes of three.
         x, y, z = u[..., 0], u[..., 1], u[..., 2]
-        return frame, np.stack([frame[..., i, 0] * x + frame[..., i, 1] * y + frame[..., i, 2] * z for i in range(3)])
+        ahead, right, down = (frame[..., i, 0] * x + frame[..., i, 1] * y + frame[..., i, 2] * z for i in range(3))
+        return frame, (ahead, right, down)
 
     @abstractmethod
     def unit_vector(self, measured: Array, platforms: Array) -> Array:
@@ -86,15 +87,18 @@ class Direction(BodyDirection):
             self.sigma if sigma_depression is None else positive(sigma_depression, "sigma_depression", "rad")
         )
 
-    def _angles(self, body: Array) -> Array:
+    def _angles(self, body: tuple[Array, Array, Array]) -> Array:
         x, y, z = body
         ground = np.sqrt(x * x + y * y)
         angles = np.empty((2, *x.shape))
-        np.arctan2(y, x, out=angles[0, ...])
-        with np.errstate(divide="ignore"):
-            np.arctan(z / ground, out=angles[1, ...])  # ground >= 0: twice as fast as with two arguments
-        if not ground.all():
-            angles[0, ground == 0] = np.nan
+        # Arctangents of one argument take half the time of those of two. That of the azimuth is put into its half
+        # plane afterwards; x + 0.0 is never -0.0, and 0/0, straight below, gives NaN.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            np.arctan(y / (x + 0.0), out=angles[0, ...])
+            np.arctan(z / ground, out=angles[1, ...])
+        behind = x < 0
+        if behind.any():
+            angles[0, ...] += np.where(behind, np.copysign(np.pi, y), 0.0)
         return np.moveaxis(angles, 0, -1)
 
     def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
@@ -108,12 +112,12 @@ class Direction(BodyDirection):
         :math:`\partial\varepsilon/\partial p = (\rho\,e_z - z\,(x e_x + y e_y)/\rho)/r` for the unit vector (x, y, z).
         """
         frame, body = self._body(sight, platforms)
-        x, y, z = body[..., None]
+        x, y, z = (component[..., None] for component in body)
         distance = sight.distance[..., self.platform, None]
         square = x * x + y * y
         ground = np.sqrt(square)
         ex, ey, ez = (frame[..., i, :] for i in range(3))
-        jacobian = np.zeros((*body.shape[1:], 2, size))
+        jacobian = np.zeros((*body[0].shape, 2, size))
         with np.errstate(divide="ignore", invalid="ignore"):
             jacobian[..., 0, :3] = (x * ey - y * ex) / (square * distance)
             jacobian[..., 1, :3] = (ground * ez - (z / ground) * (x * ex + y * ey)) / distance
@@ -166,12 +170,12 @@ class DirectionCosines(BodyDirection):
 
     def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
         """See `SightedModel.predict_from`."""
-        return np.moveaxis(self._body(sight, platforms)[1][:2], 0, -1)
+        return np.stack(self._body(sight, platforms)[1][:2], axis=-1)
 
     def linearize_from(self, sight: LineOfSight, platforms: Array, size: int) -> tuple[Array, Array]:
         r"""See `SightedModel.linearize_from`; the gradient is :math:`(e - (e\cdot u)\,u)/r`."""
         frame, body = self._body(sight, platforms)
-        cosines, u = np.moveaxis(body[:2], 0, -1), sight.direction[..., self.platform, None, :]
+        cosines, u = np.stack(body[:2], axis=-1), sight.direction[..., self.platform, None, :]
         jacobian = np.zeros((*cosines.shape, size))
         distance = sight.distance[..., self.platform, None, None]
         jacobian[..., :3] = (frame[..., :2, :] - cosines[..., None] * u) / distance

@@ -88,7 +88,7 @@ class Likelihood:
             white = residual * (root if root.ndim == 1 else root[:, None])
         else:
             white = residual @ np.swapaxes(root, -1, -2)
-        log_likelihood = np.square(white).sum(axis=-1)
+        log_likelihood = np.einsum("...i,...i->...", white, white)
         log_likelihood *= -0.5
         if not np.isfinite(np.sum(log_likelihood)):
             impossible = ~np.isfinite(log_likelihood)

@@ -60,14 +60,13 @@ def moments(cloud: Array, weight: Array) -> tuple[Array, Array]:
     The covariance is positive definite, also where the cloud has collapsed.
     """
     mean = (cloud @ weight[..., None])[..., 0]
+    # that the mean of 1e6 m is rounded moves neither by as much as the jitter
     offset = cloud - mean[..., None]
-    # the mean again, of small numbers: positions are 1e6 m, and a cloud may be metres wide
-    shift = (offset @ weight[..., None])[..., 0]
-    spread = (offset * weight[..., None, :]) @ np.swapaxes(offset, -1, -2)
-    covariance = symmetric(spread - shift[..., :, None] * shift[..., None, :])
+    offset *= np.sqrt(weight)[..., None, :]
+    covariance = symmetric(offset @ np.swapaxes(offset, -1, -2))
     variance = np.einsum("...ii->...i", covariance)
     variance += _JITTER * variance + _TINY
-    return mean + shift, covariance
+    return mean, covariance
 
 
 def unique_sorted(rising: Array) -> Array:
