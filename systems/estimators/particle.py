@@ -245,7 +245,8 @@ class ParticleEstimator(Estimator):
             if noise.any():
                 root = _noise_root(noise.tobytes(), noise.shape)
                 white = draws.normal("motion", index, (root.shape[-1], self.particles))
-                np.add(moved, root @ white, out=particles[group])
+                np.matmul(root, white, out=particles[group])
+                particles[group] += moved
             else:
                 particles[group] = moved
         kept = {group: memory[group] for group in ("log_weight", "ancestor", "health")}
@@ -284,14 +285,16 @@ class ParticleEstimator(Estimator):
             carriers = platforms if platforms.shape[0] == 1 else platforms[group]
             reading = Reading(self.model, measurement[group], carriers, whitener)
             given = draws.of(np.arange(group.start, group.stop))
-            after, (value, nis, rows) = self._correct_group(part, reading, given)
-            for name, array in after.items():
-                posterior[name][group] = array
+            new = {name: value[group] for name, value in posterior.items() if name != "motion_input"}
+            value, nis, rows = self._correct_group(part, reading, given, new)
             innovation.value[group], innovation.nis[group], innovation.nis_dof[group] = value, nis, rows
         return posterior, innovation
 
-    def _correct_group(self, memory: Memory, reading: Reading, draws: Draws) -> tuple[Memory, Innovation]:
-        """Correct some trials; one that is lost, or of which nothing is measured, stays as it is."""
+    def _correct_group(self, memory: Memory, reading: Reading, draws: Draws, posterior: Memory) -> Innovation:
+        """Put what is known after the reading into `posterior`; return the innovation.
+
+        A trial that is lost, or of which nothing is measured, stays as it is.
+        """
         prior, n = self._cloud(memory), self.motion.size
         everyone = np.arange(len(prior.particles))
         residual = reading.residual(prior.particles, everyone)
@@ -302,38 +305,34 @@ class ParticleEstimator(Estimator):
         rows = np.count_nonzero(~missing, axis=-1)
         value, nis = np.full(missing.shape, np.nan), np.full(len(rows), np.nan)
         if not rows.all():
-            some = np.flatnonzero(rows)
-            after = dict(memory)
             mean, covariance = self._moments_of(prior)
-            after |= {"mean": mean, "covariance": covariance.reshape(len(mean), -1)}
+            after = dict(memory) | {"mean": mean, "covariance": covariance.reshape(len(mean), -1)}
+            for name, array in posterior.items():
+                array[...] = after[name]
+            some = np.flatnonzero(rows)
             if some.size:
                 part = {name: array[some] for name, array in after.items()}
-                told = self._correct_group(part, reading.rows(some), draws.of(some))
-                for name, array in told[0].items():
-                    after[name] = after[name].copy()
-                    after[name][some] = array
-                value[some], nis[some] = told[1].value, told[1].nis
-            return after, Innovation(value, nis, rows)
+                new = {name: np.empty_like(array) for name, array in part.items()}
+                told = self._correct_group(part, reading.rows(some), draws.of(some), new)
+                for name, array in new.items():
+                    posterior[name][some] = array
+                value[some], nis[some] = told.value, told.nis
+            return Innovation(value, nis, rows)
         prior, health = self._window(prior, memory["health"])
         weight, _ = normalise(prior.log_weight)
         known = residual if whole else np.where(np.isfinite(residual), residual, 0.0)
         value = (known.swapaxes(1, 2) @ weight[..., None])[..., 0]
-        result = self.update(prior, Likelihood(reading, missing), residual, draws)
+        result = self.update(prior, Likelihood(reading, missing), residual, draws, self._cloud(posterior))
         now = evidence(result.log_evidence, result.spread, rows)
         recent = follow(health[:, 3], now)
         ancestors = unique_sorted(result.cloud.ancestor)
         diverged = (recent < LEAST_EVIDENCE) | (ancestors <= n)
         columns = [result.effective, ancestors, now, recent, diverged, result.stages, health[:, 6], health[:, 7] + 1]
-        after = {
-            "particles": result.cloud.particles.reshape(len(rows), -1),
-            "log_weight": result.cloud.log_weight,
-            "ancestor": result.cloud.ancestor,
-            "mean": result.mean,
-            "covariance": result.covariance.reshape(len(rows), -1),
-            "health": np.stack(columns, axis=-1),
-        }
+        posterior["mean"][...] = result.mean
+        posterior["covariance"][...] = result.covariance.reshape(len(rows), -1)
+        posterior["health"][...] = np.stack(columns, axis=-1)
         nis = normalised_innovation(result.innovation, result.spread)
-        return after, Innovation(np.where(missing, np.nan, value), nis, rows)
+        return Innovation(np.where(missing, np.nan, value), nis, rows)
 
     def _window(self, cloud: Cloud, health: Array) -> tuple[Cloud, Array]:
         """Count ancestors anew in trials whose window is over."""

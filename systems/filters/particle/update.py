@@ -115,7 +115,15 @@ class ParticleUpdate:
             raise ValueError(f"max_stages: {self.max_stages} is not allowed; a whole number >= 1")
 
     def resample(
-        self, cloud: Cloud, weight: Array, mean: Array, covariance: Array, draws: Draws, which: Index, stage: int
+        self,
+        cloud: Cloud,
+        weight: Array,
+        mean: Array,
+        covariance: Array,
+        draws: Draws,
+        which: Index,
+        stage: int,
+        out: Cloud | None = None,
     ) -> Cloud:
         """Return clouds of equal weights; arguments are those of the trials `which` alone.
 
@@ -133,25 +141,30 @@ class ParticleUpdate:
             Which of those trials these are.
         stage : int
             How many resamplings there were at this instant.
+        out : Cloud, optional
+            Where the result is put.
         """
-        trials, n, count = cloud.particles.shape
+        _, n, count = cloud.particles.shape
         scheme = SCHEMES[self.scheme]
         uniform = draws.uniform(f"resample:{stage}", which, 1 if scheme.one_number else count)
         chosen = parents(scheme.counts(weight, uniform))
-        particles = np.empty_like(cloud.particles)
-        ancestor = np.empty_like(cloud.ancestor)
+        fresh = Cloud(*(np.empty_like(array) for array in cloud)) if out is None else out
+        fresh.log_weight[...] = 0.0
         for old, new, a, b, rows in zip(
-            cloud.particles, particles, cloud.ancestor, ancestor, chosen, strict=True
+            cloud.particles, fresh.particles, cloud.ancestor, fresh.ancestor, chosen, strict=True
         ):  # whole clouds: a gather over both axes at once takes three times as long
             np.take(old, rows, axis=1, out=new, mode="clip")
             np.take(a, rows, out=b, mode="clip")
         if self.kernel:
             white = draws.normal(f"kernel:{stage}", which, (n, count))
             widening = lost_spread(effective_size(weight))
-            particles = shrunk_kernel(particles, mean, cholesky(covariance), white, bandwidth(n, count), widening)
-        return Cloud(particles, np.zeros((trials, count)), ancestor)
+            root = cholesky(covariance)
+            fresh.particles[...] = shrunk_kernel(fresh.particles, mean, root, white, bandwidth(n, count), widening)
+        return fresh
 
-    def __call__(self, cloud: Cloud, likelihood: Likelihood, residual: Array, draws: Draws) -> Updated:
+    def __call__(
+        self, cloud: Cloud, likelihood: Likelihood, residual: Array, draws: Draws, out: Cloud | None = None
+    ) -> Updated:
         """Return the posterior of every trial.
 
         A trial's stages do not depend on the others': one that is done is not touched again.
@@ -166,17 +179,22 @@ class ParticleUpdate:
             Of the prior cloud.
         draws : Draws
             Random numbers of these trials.
+        out : Cloud, optional
+            Where the posterior cloud is put; it shares no memory with the prior.
         """
         trials, n, count = cloud.particles.shape
         everyone = np.arange(trials)
         log_likelihood, white = likelihood(cloud.particles, everyone, residual)
-        weight, before = normalise(cloud.log_weight)
-        innovation, spread = moments(np.ascontiguousarray(white.swapaxes(1, 2)), weight)
+        # The bootstrap filter has no weights here. (Others may have in some trials and not in others, and a
+        # trial's rounding must not depend on its neighbours.)
+        equal = self.share is None and math.isinf(self.threshold) and not cloud.log_weight.any()
+        prior_weight, before = (None, math.log(count)) if equal else normalise(cloud.log_weight)
+        innovation, spread = moments(white.swapaxes(1, 2), prior_weight)
         spread = spread + np.eye(white.shape[-1])
         del white
 
         done = Updated(
-            cloud=Cloud(*(np.empty_like(array) for array in cloud)),
+            cloud=Cloud(*(np.empty_like(array) for array in cloud)) if out is None else out,
             mean=np.empty((trials, n)),
             covariance=np.empty((trials, n, n)),
             effective=np.empty(trials),
@@ -189,14 +207,15 @@ class ParticleUpdate:
         while active.size:
             if stage:
                 log_likelihood, _ = likelihood(cloud.particles, active)
-                weight = np.full(log_likelihood.shape, 1 / count)
+                prior_weight = None
             hopeless = ~np.isfinite(log_likelihood.max(axis=-1))
             if hopeless.any():  # no particle can explain it: nothing is learned but that
                 log_likelihood = np.where(hopeless[:, None], 0.0, log_likelihood)
                 done.log_evidence[active[hopeless]] = -math.inf
             step = remaining
             if self.share is not None and stage < self.max_stages - 1:
-                step = next_exponent(weight, log_likelihood, remaining, self.share)
+                flat = np.full(log_likelihood.shape, 1 / count) if prior_weight is None else prior_weight
+                step = next_exponent(flat, log_likelihood, remaining, self.share)
             old = before if stage == 0 else math.log(count)
             log_weight = cloud.log_weight + step[:, None] * log_likelihood
             weight, log_sum = normalise(log_weight)
@@ -206,7 +225,7 @@ class ParticleUpdate:
 
             last = step >= remaining
             again = ~last | (effective < self.threshold * count)
-            done = self._finish(done, active, last & ~again, Cloud(cloud.particles, log_weight, cloud.ancestor))
+            self._finish(done.cloud, active, last & ~again, Cloud(cloud.particles, log_weight, cloud.ancestor))
             for array, value in ((done.mean, mean), (done.covariance, covariance), (done.effective, effective)):
                 array[active] = value
             done.stages[active] += 1
@@ -216,8 +235,10 @@ class ParticleUpdate:
             if rows.size < active.size:
                 cloud, weight, mean, covariance = cloud.rows(rows), weight[rows], mean[rows], covariance[rows]
                 last, step, remaining, active = last[rows], step[rows], remaining[rows], active[rows]
-            cloud = self.resample(cloud, weight, mean, covariance, draws, active, stage)
-            done = self._finish(done, active, last, cloud)
+            into = done.cloud if last.all() and active.size == trials else None
+            cloud = self.resample(cloud, weight, mean, covariance, draws, active, stage, into)
+            if into is None:
+                self._finish(done.cloud, active, last, cloud)
             rows = np.flatnonzero(~last)
             active, remaining = active[rows], (remaining - step)[rows]
             if rows.size < last.size:
@@ -226,11 +247,13 @@ class ParticleUpdate:
         return done
 
     @staticmethod
-    def _finish(done: Updated, active: Index, last: NDArray[np.bool_], cloud: Cloud) -> Updated:
-        """Return `done` with the clouds of those trials of `active` that are at their last stage."""
-        if last.all() and active.size == done.stages.size:
-            return done._replace(cloud=cloud)
-        if last.any():
-            for array, value in zip(done.cloud, cloud, strict=True):
+    def _finish(done: Cloud, active: Index, last: NDArray[np.bool_], cloud: Cloud) -> None:
+        """Put the clouds of those trials of `active` that are at their last stage where they belong."""
+        if not last.any():
+            return
+        whole = last.all() and active.size == len(done.particles)  # a slice is copied faster than rows are
+        for array, value in zip(done, cloud, strict=True):
+            if whole:
+                array[...] = value
+            else:
                 array[active[last]] = value[last]
-        return done

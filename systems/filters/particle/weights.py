@@ -54,16 +54,19 @@ def effective_size(weight: Array) -> Array:
     return 1 / np.einsum("...i,...i->...", weight, weight)
 
 
-def moments(cloud: Array, weight: Array) -> tuple[Array, Array]:
+def moments(cloud: Array, weight: Array | None) -> tuple[Array, Array]:
     """Return mean (trials, n) and covariance (trials, n, n) of a cloud (trials, n, N) with weights (trials, N).
 
-    The covariance is positive definite, also where the cloud has collapsed.
+    The covariance is positive definite, also where the cloud has collapsed. Without weights all count the same.
     """
-    mean = (cloud @ weight[..., None])[..., 0]
+    mean = cloud.mean(axis=-1) if weight is None else (cloud @ weight[..., None])[..., 0]
     # that the mean of 1e6 m is rounded moves neither by as much as the jitter
     offset = cloud - mean[..., None]
-    offset *= np.sqrt(weight)[..., None, :]
+    if weight is not None:
+        offset *= np.sqrt(weight)[..., None, :]
     covariance = symmetric(offset @ np.swapaxes(offset, -1, -2))
+    if weight is None:
+        covariance /= cloud.shape[-1]
     variance = np.einsum("...ii->...i", covariance)
     variance += _JITTER * variance + _TINY
     return mean, covariance
