@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from systems.ambiguity.estimate import CrossAmbiguity, Flag, Window
+from systems.ambiguity.differences import Flag, Window
+from systems.ambiguity.estimate import CrossAmbiguity
 from systems.clocks import Periodic
 from systems.iq.block import IqBlock
 from systems.recorder import Recorder

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from systems.ambiguity.estimate import Window
+from systems.ambiguity.differences import Window
 from systems.ambiguity.prefilter import Band, Everything, Prefilter
 from systems.documented import number
 

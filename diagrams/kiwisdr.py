@@ -22,7 +22,8 @@ from rich.table import Table
 from diagrams.errors import UserError
 from diagrams.iq_pairs import PairResult, add_pairs, pair_result, simulate
 from diagrams.replay import Dataset
-from systems.ambiguity.estimate import CrossAmbiguity, Window
+from systems.ambiguity.differences import Window
+from systems.ambiguity.estimate import CrossAmbiguity
 from systems.ambiguity.prefilter import Band
 from systems.estimators.base import Wiring
 from systems.estimators.iekf import Iekf

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from systems.ambiguity.estimate import Window
+from systems.ambiguity.differences import Window
 from systems.ambiguity.prefilter import Everything, Prefilter
 from systems.iq.block import IqBlock
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.ambiguity.estimate import CrossAmbiguity, Differences, Window
+from systems.ambiguity.differences import Differences, Window
+from systems.ambiguity.estimate import CrossAmbiguity
 from systems.clocks import Clock
 from systems.iq.block import IqBlock
 from systems.measurement.base import MeasurementModel

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
-from systems.ambiguity.estimate import CrossAmbiguity, Differences, Window
+from systems.ambiguity.differences import Differences, Window
+from systems.ambiguity.estimate import CrossAmbiguity
 from systems.ambiguity.prefilter import RootRaisedCosine
 from systems.iq.block import IqBlock
 from tests.benchmarks.harness import Peer, Size, race, ratios

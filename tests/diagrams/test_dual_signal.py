@@ -11,7 +11,7 @@ from diagrams.dual_satellite import models
 from diagrams.dual_signal import QUALITY, predicted_sigmas
 from diagrams.errors import UserError
 from diagrams.study import Study
-from systems.ambiguity.estimate import Flag
+from systems.ambiguity.differences import Flag
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.whitening import Whitener
 from systems.measurement.stack import Stack

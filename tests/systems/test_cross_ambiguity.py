@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from systems.ambiguity.coarse import ambiguity_grid, plan
-from systems.ambiguity.estimate import CrossAmbiguity, Flag, Window
+from systems.ambiguity.differences import Flag, Window
+from systems.ambiguity.estimate import CrossAmbiguity
 from systems.ambiguity.limits import check_duration, longest_duration
 from systems.ambiguity.phasor import phasor
 from systems.ambiguity.prefilter import Band, Everything, RootRaisedCosine

@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.ambiguity.estimate import CrossAmbiguity, Flag, Window
+from systems.ambiguity.differences import Flag, Window
+from systems.ambiguity.estimate import CrossAmbiguity
 from systems.ambiguity.prefilter import RootRaisedCosine
 from systems.clocks import Periodic
 from systems.estimators.base import Wiring
