@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
-from diagrams.figures.style import PlainLog, grid, new_figure
+from diagrams.figures.style import grid, new_figure
 
 __all__ = ["draw_comparison"]
 
@@ -49,7 +49,7 @@ def draw_comparison(found: Mapping[str, Any]) -> Figure:
         hollow=[not rows[n]["efficiency_means_something"] for n in names],
     )
     _dots(panels[2], [rows[n]["nees_per_state"] for n in names], [False] * len(names), "NEES / states")
-    _dots(panels[3], [_bare(rows[n]["cost_us"]) for n in names], [False] * len(names), "cost [us / step, trial]")
+    _dots(panels[3], [_bare(rows[n]["cost_us"]) for n in names], [False] * len(names), "us per step")
     for panel in panels[1:3]:
         panel.axvline(1.0, color="0.4", linewidth=1.0, zorder=0)
     bands = [rows[n]["nees_band"] for n in names]
@@ -103,8 +103,13 @@ def _dots(axes: Any, entries: list[Any], won: list[bool], label: str, hollow: li
         face = "white" if hollow is not None and hollow[i] else colour
         axes.plot([value], [i], "o", color=colour, markerfacecolor=face, markersize=7)
     axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(numticks=6))
-    axes.xaxis.set_major_formatter(PlainLog())
-    axes.xaxis.set_minor_formatter(PlainLog(minor_thresholds=(1, 0.4)))
+    low, high = axes.get_xlim()
+    decades = np.log10(high / low)
+    if decades < 0.7:  # hardly any round power in it
+        axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+    else:
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 1.8 else (1,), numticks=6))
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.tick_params(axis="x", which="both", labelsize=10)
     grid(axes)
