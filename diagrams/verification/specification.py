@@ -131,6 +131,11 @@ def _complete(specification: Specification) -> None:
                 raise UserError(f"cases.{name}.variant: {error}") from error
     if not specification.requirements:
         raise UserError("requirements: none is given; at least one is needed")
+    keys: dict[str, str] = {}
+    for name in specification.estimators:
+        first = keys.setdefault(estimator_key(name), name)
+        if first != name:
+            raise UserError(f"estimators: {name} is not allowed; {first} has the same name, {estimator_key(name)}")
     names: dict[str, int] = {}
     for i, requirement in enumerate(specification.requirements):
         where = f"requirements.{i}"
