@@ -86,13 +86,18 @@ def estimator_key(name: str) -> str:
 
 @contextmanager
 def beside(path: Path) -> Iterator[None]:
-    """Make classes in files beside a requirements file importable."""
+    """Make classes in files beside a requirements file importable; another folder's file may have the same name."""
     folder = str(path.resolve().parent)
+    before = set(sys.modules)
     sys.path.append(folder)
     try:
         yield
     finally:
         sys.path.remove(folder)
+        for name in set(sys.modules) - before:
+            file = getattr(sys.modules[name], "__file__", None)
+            if file and str(Path(file).parent) == folder:
+                del sys.modules[name]
 
 
 def read_specification(path: Path) -> Specification:

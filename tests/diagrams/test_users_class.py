@@ -96,3 +96,24 @@ def test_compare_sees_every_folder_and_repetition_before_it_runs(tmp_path, monke
         compare_command(["three_satellite", "bearing_crossing"], {}, None, "table", tmp_path, False)
     with pytest.raises(UserError, match="given twice"):
         compare_command(["three_satellite", "three_satellite"], {}, None, "table", None, False)
+
+
+def test_files_of_the_same_name_beside_two_requirements_files_are_two(tmp_path):
+    statuses = []
+    for folder, offset in (("a", 0.0), ("b", 1e6)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "same_name.py").write_text(
+            "from systems.filters.iterated_extended import IteratedExtendedKalman\n\n\n"
+            "class Shifted(IteratedExtendedKalman):\n    def update(self, *arguments):\n"
+            "        result = super().update(*arguments)\n"
+            f"        return result._replace(mean=result.mean + {offset})\n",
+            encoding="utf-8",
+        )
+        file = tmp_path / folder / "x.yaml"
+        file.write_text(
+            "system: three_satellite\ntrials: 60\ntrial_limit: 60\nlooks: 1\nset: [duration_s=2]\nrequirements:\n"
+            '  - {name: r, estimator: "same_name:Shifted", metric: !Rmse {time_s: 2}, at_most: 2.0e4}\n',
+            encoding="utf-8",
+        )
+        statuses.append(verify(file).status)
+    assert statuses == [0, 1]
