@@ -110,6 +110,11 @@ def select_estimators(scenario: Any, wanted: Sequence[str] | None) -> list[str]:
 
     A name from the registry that the scenario lacks, and ``package.module:Class``, are added to the scenario with
     default options.
+
+    Raises
+    ------
+    UserError
+        For a name that is not known, and for a class whose name another estimator has.
     """
     if not wanted:
         if not scenario.estimators:
@@ -124,7 +129,14 @@ def select_estimators(scenario: Any, wanted: Sequence[str] | None) -> list[str]:
             chosen.append(name)
         elif ":" in name:
             key = name.partition(":")[2].lower()
-            scenario.estimators[key] = locate(ESTIMATORS["custom"])(class_=name)
+            there = scenario.estimators.get(key)
+            if key in ESTIMATORS or (there is not None and getattr(there, "class_", None) != name):
+                raise UserError(
+                    f"estimator: {name} is not allowed; it would be called {key}, which is another estimator's name: "
+                    f"rename the class, or name it yourself by --set 'estimators.NAME=!Custom {{class: {name}}}'"
+                )
+            if there is None:
+                scenario.estimators[key] = locate(ESTIMATORS["custom"])(class_=name)
             chosen.append(key)
         else:
             known = dict.fromkeys([*scenario.estimators, *(e for e in ESTIMATORS if e != "custom")])

@@ -41,6 +41,13 @@ def _whole(value: str) -> int:
         raise typer.BadParameter(f"{value} is not allowed; a whole number") from None
 
 
+def _number(value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise typer.BadParameter(f"{value} is not allowed; a number") from None
+
+
 def _show_version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
@@ -171,7 +178,9 @@ def observe(
     estimators: Annotated[list[str] | None, _ESTIMATOR] = None,
     window: Annotated[
         float | None,
-        typer.Option("--window", metavar="S", help="Seconds from the first epoch on.  [default: the whole run]"),
+        typer.Option(
+            "--window", parser=_number, metavar="S", help="Seconds from the first epoch on.  [default: the whole run]"
+        ),
     ] = None,
     settings: Annotated[list[str] | None, _SET] = None,
     scenario: Annotated[Path | None, _SCENARIO] = None,
@@ -198,7 +207,9 @@ def compare(
     ] = None,
     trials: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Monte Carlo trials.")] = 100,
     seed: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Seed of all noise.")] = 0,
-    at: Annotated[float | None, typer.Option(metavar="T", help="RMSE at this time [s].  [default: the end]")] = None,
+    at: Annotated[
+        float | None, typer.Option(parser=_number, metavar="T", help="RMSE at this time [s].  [default: the end]")
+    ] = None,
     settings: Annotated[list[str] | None, _SET] = None,
     scenario: Annotated[Path | None, _SCENARIO] = None,
     format_: Annotated[str, typer.Option("--format", help="table or markdown.")] = "table",
@@ -227,7 +238,9 @@ def sweep(
     estimators: Annotated[list[str] | None, _ESTIMATOR] = None,
     trials: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Monte Carlo trials.")] = 100,
     seed: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Seed of all noise.")] = 0,
-    at: Annotated[float | None, typer.Option(metavar="T", help="Errors at this time [s].  [default: the end]")] = None,
+    at: Annotated[
+        float | None, typer.Option(parser=_number, metavar="T", help="Errors at this time [s].  [default: the end]")
+    ] = None,
     settings: Annotated[list[str] | None, _SET] = None,
     scenario: Annotated[Path | None, _SCENARIO] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write sweep.json, results and a figure.")] = None,

@@ -36,15 +36,20 @@ def compare_command(
 ) -> None:
     """Compare estimators on one or more systems; see ``quietfix compare --help``."""
     choose("format", format_, FORMATS)
+    folders = {}
     for name in systems:
         split_name(name)
+        if name in folders:
+            raise UserError(f"SYSTEM: {name} is not allowed; it is given twice")
+        folders[name] = out if out is None or len(systems) == 1 else out / name.replace(":", "_")
+    for path in folders.values():
+        if path is not None:
+            OutputFolder.check(path, overwrite)
     prepared = [(name, *prepare(name, **options)) for name in systems]  # before anything runs: mistakes show early
     _check_time(prepared, at)
     done = []
     for name, study, chosen in prepared:
-        folder = None
-        if out is not None:
-            folder = out if len(systems) == 1 else out / name.replace(":", "_")
+        folder = folders[name]
         done.append(_one(study, chosen, at, folder, overwrite))
         if format_ == "table":
             print_table(comparison_table(done[-1]))

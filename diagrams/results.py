@@ -75,7 +75,7 @@ class OutputFolder:
     def __init__(self, folder: Path | str, overwrite: bool = False) -> None:
         self.final = Path(folder)
         self.partial = self.final.with_name(self.final.name + ".partial")
-        self._check(overwrite)
+        self.check(self.final, overwrite)
         try:
             if self.partial.exists():
                 shutil.rmtree(self.partial)
@@ -87,18 +87,18 @@ class OutputFolder:
             raise UserError(f"--out: {self.final} cannot be written ({error.strerror or error})") from error
         self.chunks = 0
 
-    def _check(self, overwrite: bool) -> None:
-        if not self.final.exists():
+    @staticmethod
+    def check(final: Path, overwrite: bool) -> None:
+        """Raise a `UserError` if the folder exists and may not be replaced."""
+        if not final.exists():
             return
-        if not self.final.is_dir():
-            raise UserError(f"--out: {self.final} exists and is not a folder")
-        others = [p.name for p in self.final.iterdir() if p.name not in _OURS and p.suffix != ".png"]
+        if not final.is_dir():
+            raise UserError(f"--out: {final} exists and is not a folder")
+        others = [p.name for p in final.iterdir() if p.name not in _OURS and p.suffix != ".png"]
         if others:
-            raise UserError(
-                f"--out: {self.final} holds other files ({', '.join(sorted(others)[:3])}); choose a new folder"
-            )
-        if any(self.final.iterdir()) and not overwrite:
-            raise UserError(f"--out: {self.final} holds an earlier result; add --overwrite or choose another folder")
+            raise UserError(f"--out: {final} holds other files ({', '.join(sorted(others)[:3])}); choose a new folder")
+        if any(final.iterdir()) and not overwrite:
+            raise UserError(f"--out: {final} holds an earlier result; add --overwrite or choose another folder")
 
     @property
     def store(self) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -24,6 +25,8 @@ from diagrams.scenario import dump
 from diagrams.score import Score
 from diagrams.system import Wired
 from systems.clocks import Clock, Times
+from systems.estimators.base import Estimator
+from systems.estimators.custom import Custom
 from systems.recorder import Recorder, record
 from systems.signals import Draw, set_draw
 
@@ -222,9 +225,23 @@ class Study:
             simulator.Initialize()
             # rounding may put the last tick a bit after the end: 3 * 0.1 > 0.3
             simulator.AdvanceTo(max(wired.duration, *wired.clock.ticks(wired.duration)[-1:]))
+        except Exception as error:
+            self._blame_users_class(error)
+            raise
         finally:
             simulator.clear_monitor()
         return context
+
+    def _blame_users_class(self, error: Exception) -> None:
+        """Raise a `UserError` if a user's own estimator class failed: its block is on the way to the error."""
+        for frame, _ in traceback.walk_tb(error.__traceback__):
+            block = frame.f_locals.get("self")
+            if not isinstance(block, Estimator):
+                continue
+            name = block.get_name()
+            options = self.request.scenario.estimators.get(name)
+            if isinstance(options, Custom):
+                raise UserError(options.blame(name, error)) from error
 
     @staticmethod
     def _carriers(signals: Mapping[str, Array], count: int) -> Array:

@@ -36,15 +36,20 @@ def locate(path: str) -> Any:
     Raises
     ------
     ValueError
-        If the module or the name does not exist.
+        If the module or the name does not exist, or the module fails while it is imported.
     """
     module, _, name = path.partition(":")
     if not module or not name:
         raise ValueError(f"class: {path!r} is not allowed; package.module:Class")
     try:
-        return getattr(importlib.import_module(module), name)
+        found = importlib.import_module(module)
     except ImportError as error:
         raise ValueError(f"class: {path} cannot be imported ({error})") from error
+    except (Exception, SystemExit) as error:  # whatever a user's file does while it is read
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(f"class: {path} cannot be imported ({said})") from error
+    try:
+        return getattr(found, name)
     except AttributeError as error:
         raise ValueError(f"class: module {module} has no {name}") from error
 

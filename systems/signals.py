@@ -115,7 +115,11 @@ class EnsembleBlock(LeafSystem):
         self._outputs[name] = (check_trials(trials), size)
 
         def write(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(calc(context).reshape(-1))
+            values = calc(context)
+            if values.size != trials * size:
+                shape = tuple(values.shape)
+                raise ValueError(f"{self.get_name()}: {name} has the shape {shape}; ({trials}, {size}) is expected")
+            output.SetFromVector(values.reshape(-1))
 
         return self.DeclareVectorOutputPort(name, trials * size, write, prerequisites_of_calc=set(tickets))
 

@@ -98,6 +98,10 @@ class View:
         """Return ``nees``, ``nis`` or ``nis_dof`` (trials, epochs)."""
         return self.dataset[name].sel(estimator=estimator).transpose("trial", "time").values[:, epochs]
 
+    def lost(self, estimator: str, epochs: NDArray[np.int_]) -> NDArray[np.bool_]:
+        """Return in which trials the estimate is not finite at the last of the epochs; it may begin late."""
+        return np.isinf(self.error(estimator, "position", epochs[-1:])[:, 0])
+
 
 def _mean(values: Array) -> Array:
     """Return the mean over the epochs, of those that have a number; NaN where none has."""
@@ -373,7 +377,9 @@ class Nees(_Timed):
 
     def reduce(self, view: View, estimator: str, run: Run) -> Array:
         """Return the mean NEES of each trial."""
-        mean = _mean(view.number("nees", estimator, self.epochs(run)))[:, None]
+        epochs = self.epochs(run)
+        mean = _mean(view.number("nees", estimator, epochs))[:, None]
+        mean[view.lost(estimator, epochs)] = np.inf  # left out, the trials that survive would speak for all
         return mean / len(run.states[estimator]) if self.per_state else mean
 
     def statistic(self, run: Run) -> Statistic:
@@ -395,7 +401,10 @@ class Nis(_Timed):
         nis, rows = view.number("nis", estimator, epochs), view.number("nis_dof", estimator, epochs)
         known = ~np.isnan(nis) & (rows > 0)
         sums = np.stack([np.where(known, x, 0.0).sum(axis=-1) for x in (nis, rows)], axis=-1)
-        return np.where(known.any(axis=-1, keepdims=True), sums, np.nan)
+        sums = np.where(known.any(axis=-1, keepdims=True), sums, np.nan)
+        lost = view.lost(estimator, epochs)
+        sums[lost] = np.inf, 1.0  # left out, the trials that survive would speak for all
+        return sums
 
     def statistic(self, run: Run) -> Statistic:
         """Return a ratio of means."""

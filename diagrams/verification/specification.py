@@ -86,13 +86,18 @@ def estimator_key(name: str) -> str:
 
 @contextmanager
 def beside(path: Path) -> Iterator[None]:
-    """Make classes in files beside a requirements file importable."""
+    """Make classes in files beside a requirements file importable; another folder's file may have the same name."""
     folder = str(path.resolve().parent)
+    before = set(sys.modules)
     sys.path.append(folder)
     try:
         yield
     finally:
         sys.path.remove(folder)
+        for name in set(sys.modules) - before:
+            file = getattr(sys.modules[name], "__file__", None)
+            if file and str(Path(file).parent) == folder:
+                del sys.modules[name]
 
 
 def read_specification(path: Path) -> Specification:
@@ -131,6 +136,11 @@ def _complete(specification: Specification) -> None:
                 raise UserError(f"cases.{name}.variant: {error}") from error
     if not specification.requirements:
         raise UserError("requirements: none is given; at least one is needed")
+    keys: dict[str, str] = {}
+    for name in specification.estimators:
+        first = keys.setdefault(estimator_key(name), name)
+        if first != name:
+            raise UserError(f"estimators: {name} is not allowed; {first} has the same name, {estimator_key(name)}")
     names: dict[str, int] = {}
     for i, requirement in enumerate(specification.requirements):
         where = f"requirements.{i}"

@@ -151,7 +151,12 @@ def _options(
             asked.append(metric.to)
             metric.to = estimator_key(metric.to)
         for name in asked:
-            used.setdefault(estimator_key(name), full.get(name, name))
+            key, name = estimator_key(name), full.get(name, name)
+            before = used.setdefault(key, name)
+            if ":" in name and ":" in before and name != before:
+                raise UserError(f"estimator: {name} is not allowed; {before} has the same name, {key}")
+            if ":" in name:  # a bare name elsewhere in the file means this class
+                used[key] = name
     return {
         "system": f"{head}:{variant}" if variant else specification.system,
         "scenario": path.parent / specification.scenario if specification.scenario else None,

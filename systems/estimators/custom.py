@@ -1,6 +1,9 @@
 """A user's own estimator class, named by where it is."""
 
+import sys
+import traceback
 from dataclasses import dataclass
+from pathlib import Path
 
 from systems.documented import documented, text
 from systems.estimators.base import Estimator, Wiring
@@ -32,7 +35,7 @@ class Custom(EstimatorOptions):
         Raises
         ------
         ValueError
-            If the class cannot be found, is neither kind, or refuses the options.
+            If the class cannot be found, is neither kind, refuses the options, or fails.
         """
         kind = locate(self.class_)
         if not isinstance(kind, type) or not issubclass(kind, Estimator | GaussianFilter):
@@ -50,3 +53,15 @@ class Custom(EstimatorOptions):
             return kind(name, model, motion, start, wiring, **self.options)
         except TypeError as error:
             raise ValueError(f"estimators.{name}.options: {self.class_} says: {error}") from error
+        except ValueError:
+            raise
+        except Exception as error:  # whatever a user's class does while it is made
+            raise ValueError(self.blame(name, error)) from error
+
+    def blame(self, name: str, error: Exception) -> str:
+        """Return in one line what the class raised, and where in its file."""
+        file = getattr(sys.modules.get(self.class_.partition(":")[0]), "__file__", None)
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+        where = f" ({Path(file).name}, line {lines[-1]})" if file and lines else ""
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        return f"estimators.{name}.class: {self.class_} failed with {said}{where}"
