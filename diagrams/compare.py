@@ -331,7 +331,8 @@ def statistics(
         row["rmse_position_m"], row["armse_position_m"] = (entry(both, i) for i in range(2))
         row["median_position_m"] = plain(median(error).values[0, epoch])
         row |= _efficiency(one, Interval(*(part[0] for part in both)), epoch)
-        row |= nees_entry(one["nees"].values[0, :, epoch], study.states[name], draws, confidence)
+        lost_now = np.isinf(error.values[0, :, epoch])
+        row |= nees_entry(one["nees"].values[0, :, epoch], lost_now, study.states[name], draws, confidence)
         lost = int(diverged(one).sum())
         tail = binomtest(lost, draws.trials).proportion_ci(confidence, "exact")
         row["diverged"], row["diverged_rate"] = lost, {"low": float(tail.low), "high": float(tail.high)}
@@ -401,14 +402,20 @@ def _efficiency(one: xr.Dataset, rmse: Interval, epoch: int) -> dict[str, Any]:
     }
 
 
-def nees_entry(values: Array, states: int, draws: PairedBootstrap, confidence: float) -> dict[str, Any]:
-    """Return the mean NEES per state, the band of a consistent filter, and where it lies."""
-    count = int(np.isfinite(values).sum())
+def nees_entry(
+    values: Array, lost: NDArray[np.bool_], states: int, draws: PairedBootstrap, confidence: float
+) -> dict[str, Any]:
+    """Return the mean NEES per state, the band of a consistent filter, and where it lies.
+
+    A trial that is lost has an infinite one: left out, those that survive would speak for all.
+    """
+    values = np.where(lost, np.inf, values)
+    count = int(np.count_nonzero(~np.isnan(values)))
     found = interval(draws.apply(values[:, None] / states, lambda means: means), confidence)
     lower, upper = (float(end) / states for end in chi_square_band(states * count, max(count, 1), confidence))
     mean = float(found.value[0])
     verdict = None
-    if count and math.isfinite(mean):
+    if count and not math.isnan(mean):
         verdict = "low" if mean < lower else "high" if mean > upper else "in band"
     band = None if not count else {"low": lower, "high": upper}
     return {

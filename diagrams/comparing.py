@@ -156,8 +156,10 @@ def _rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
         efficiency = number(row["efficiency"]["value"])
         if efficiency != "-" and not row["efficiency_means_something"]:
             efficiency += _NOT_EFFICIENT
-        nees = number(row["nees_per_state"]["value"])
         verdict = row["nees_verdict"]
+        nees = number(row["nees_per_state"]["value"])
+        if nees == "-" and verdict == "high":
+            nees = "infinite:"
         shown = name if row["causal"] else f"{name} (not causal)"
         rows.append(
             (
@@ -216,4 +218,4 @@ def _lighter(found: Mapping[str, Any]) -> list[str]:
 
 
 def _ratio(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+    return "infinite" if value is None else f"{value:.4g}"

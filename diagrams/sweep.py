@@ -247,7 +247,11 @@ def sweep_statistics(dataset: xr.Dataset, confidence: float = 0.95, resamples: i
             ],
             "diverged": [int(n) for n in one["diverged"].sum("trial").values],
         }
-        nees = [nees_entry(one["nees"].values[k], int(one["states"].values[k]), draws, confidence) for k in points]
+        lost = np.isinf(squares[:, i])
+        nees = [
+            nees_entry(one["nees"].values[k], lost[:, k], int(one["states"].values[k]), draws, confidence)
+            for k in points
+        ]
         row |= {key: [each[key] for each in nees] for key in nees[0]}
         curves[str(name)] = row
     return {

@@ -117,3 +117,16 @@ def test_files_of_the_same_name_beside_two_requirements_files_are_two(tmp_path):
         )
         statuses.append(verify(file).status)
     assert statuses == [0, 1]
+
+
+def test_lost_trials_make_the_nees_infinite():
+    from diagrams.compare import compare
+    from diagrams.comparing import comparison_table
+
+    found = compare(
+        "three_satellite", estimators=["iekf", "wrong_filters:HalfLost"], trials=6, set=["duration_s=3"], seed=1
+    )
+    row = found["estimators"]["halflost"]
+    assert row["nees_per_state"]["value"] is None and row["nees_verdict"] == "high"
+    assert found["estimators"]["iekf"]["nees_per_state"]["value"] is not None
+    assert comparison_table(found).columns  # it can be printed
