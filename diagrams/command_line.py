@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -311,6 +312,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command; a user's mistake is one line on standard error and exit status 2."""
     from diagrams.errors import UserError
 
+    formatwarning, warnings.formatwarning = warnings.formatwarning, _format_warning
     sys.path.append("")  # a user's own class may lie in the folder where the command is given
     try:
         status = app(args=arguments, standalone_mode=False, prog_name="quietfix")
@@ -325,9 +327,18 @@ def main(arguments: list[str] | None = None) -> None:
     except BrokenPipeError:  # `quietfix show ... | head`
         sys.stderr.close()
         sys.exit(0)
+    finally:
+        warnings.formatwarning = formatwarning
     if status == 130:  # Typer's own handling of Ctrl-C
         _fail("interrupted", 130)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _format_warning(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    """Write a warning as one line in the user's words, without the place in the source."""
+    return f"quietfix: warning: {message}\n"
 
 
 def _fail(message: str, status: int) -> NoReturn:

@@ -74,6 +74,8 @@ class OutputFolder:
 
     def __init__(self, folder: Path | str, overwrite: bool = False) -> None:
         self.final = Path(folder)
+        if self.final.name in ("", ".."):
+            raise UserError(f"--out: {str(folder)!r} is not allowed; the name of a new folder or an earlier result")
         self.partial = self.final.with_name(self.final.name + ".partial")
         self.check(self.final, overwrite)
         try:

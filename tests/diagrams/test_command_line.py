@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +43,19 @@ def test_help_and_version(capsys):
     command = [sys.executable, "-c", probe]
     found = subprocess.run(command, capture_output=True, text=True, check=True, env=ENVIRONMENT)
     assert found.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("folder", [".", "", "/", ".."])
+def test_out_without_a_name_is_one_line(capsys, folder):
+    status, _, err = in_process(capsys, "run", "three_satellite", *SHORT, "--trials", "1", "--out", folder)
+    assert status == 2 and err.startswith("quietfix: --out: ") and err.count("\n") == 1
+
+
+def test_warning_is_one_line(capsys):
+    before = warnings.formatwarning
+    status, *_ = in_process(capsys, "list")
+    assert status == 0 and warnings.formatwarning is before
+    assert command_line._format_warning("stations: 3", UserWarning, "f.py", 1) == "quietfix: warning: stations: 3\n"
 
 
 def test_list_and_show(capsys):
