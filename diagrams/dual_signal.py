@@ -99,7 +99,9 @@ class Signal:
     snr_auxiliary_db: float = number("the same at the auxiliary satellite [dB]", -12.0)
     gain_main: float = number("amplification of the main satellite's channel", 1.0, above=0)
     gain_auxiliary: float = number("the same of the auxiliary satellite's", 0.7, above=0)
-    link_bits: int = count("bits of I and of Q on the inter-satellite link; 0: not quantised", 8, at_least=0)
+    link_bits: int = count(
+        "bits of I and of Q on the inter-satellite link; 0: not quantised", 8, at_least=0, at_most=24
+    )
     link_full_scale: float = number(
         "what is beyond so many standard deviations of the samples is clipped", 4.0, above=0
     )

@@ -49,6 +49,35 @@ def _blocks(recordings: Sequence[IqRecording]) -> tuple[dict[str, IqBlock], bool
     return blocks, bool(dated)
 
 
+def _check(blocks: Sequence[IqBlock], settings: Settings, every: float, shared: float) -> None:
+    """Raise UserError if a setting does not fit the recordings."""
+    rate = blocks[0].sample_rate
+    if every * rate < 1:
+        raise UserError(f"every_s: {every:g} is not allowed; at least a sample of the recordings, {1 / rate:.4g} s")
+    if 1e-6 * settings.half_delay_us > shared:
+        raise UserError(
+            f"half_delay_us: {settings.half_delay_us:g} is not allowed; at most the {1e6 * shared:.6g} us that the "
+            "recordings have in common"
+        )
+    for block in blocks[1:]:
+        tuned = block.centre_frequency - blocks[0].centre_frequency
+        # what is received at one frequency lies that far apart in the samples; beyond the rate it is another's alias
+        if not abs(settings.frequency_hz - tuned) < rate:
+            raise UserError(
+                f"frequency_hz: {settings.frequency_hz:g} is not allowed for receivers tuned {tuned:.10g} Hz apart; "
+                f"less than the sample rate, {rate:.10g} Hz, from that"
+            )
+    try:
+        empty = not settings.prefilter.moments(rate).weight.any()
+    except ValueError as error:
+        raise UserError(f"iq: {error}") from error
+    if empty:
+        raise UserError(
+            f"low_hz, high_hz, notch_hz: {settings.low_hz:g}, {settings.high_hz:g}, {settings.notch_hz:g} are not "
+            f"allowed; something must be left of {-0.5 * rate:.10g} to {0.5 * rate:.10g} Hz"
+        )
+
+
 def compare(recordings: Sequence[IqRecording], settings: Settings | None = None) -> IqReplay:
     """Compare every recording with the first one, in one diagram.
 
@@ -70,8 +99,11 @@ def compare(recordings: Sequence[IqRecording], settings: Settings | None = None)
     blocks, dated = _blocks(recordings)
     begin = max(block.start_time[0] for block in blocks.values())
     shared = min(block.start_time[0] + block.duration for block in blocks.values()) - begin
-    length = settings.integration_s or min(0.1, max(shared, 0.0) / 16)
+    if shared <= 0:
+        raise UserError("FILE: the recordings have no time in common; they must overlap (core:datetime)")
+    length = settings.integration_s or min(0.1, shared / 16)
     every = settings.every_s or length
+    _check(list(blocks.values()), settings, every, shared)
     try:
         function = CrossAmbiguity(prefilter=settings.prefilter, confidence=settings.confidence, follow_rate=False)
         builder = DiagramBuilder()

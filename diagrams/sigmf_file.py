@@ -69,6 +69,8 @@ def read_sigmf(path: Path | str) -> IqRecording:
             recording = sigmf.fromfile(str(file))
             if not isinstance(recording, sigmf.SigMFFile):
                 raise UserError(f"FILE: {file} is a collection; name its recordings one by one")
+            if recording.data_file is None and recording.sample_count == 0:
+                raise UserError(f"FILE: {file}: its data are missing; a file beside it that ends in .sigmf-data")
             if said:
                 raise UserError(f"FILE: {file}: its data are cut off or broken ({said[0].message})")
             return _content(file, recording)

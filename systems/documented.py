@@ -54,9 +54,12 @@ def number(
     return documented(doc, default, allowed=Allowed(test, words))
 
 
-def count(doc: str, default: int, *, at_least: int = 1) -> Any:
-    """Return a field for a whole number."""
-    return documented(doc, default, allowed=Allowed(lambda v: v >= at_least, f"a whole number >= {at_least}"))
+def count(doc: str, default: int, *, at_least: int = 1, at_most: int | None = None) -> Any:
+    """Return a field for a whole number, with limits."""
+    words = f"a whole number >= {at_least}" + ("" if at_most is None else f" and <= {at_most}")
+    return documented(
+        doc, default, allowed=Allowed(lambda v: v >= at_least and (at_most is None or v <= at_most), words)
+    )
 
 
 def choice(doc: str, default: str, options: tuple[str, ...]) -> Any:

@@ -311,7 +311,7 @@ class ParticleEstimator(Estimator):
                 array[...] = after[name]
             some = np.flatnonzero(rows)
             if some.size:
-                part = {name: array[some] for name, array in after.items()}
+                part = {name: array[some] for name, array in after.items() if name in posterior}
                 new = {name: np.empty_like(array) for name, array in part.items()}
                 told = self._correct_group(part, reading.rows(some), draws.of(some), new)
                 for name, array in new.items():

@@ -172,7 +172,7 @@ def test_a_receiver_below_the_horizon_leaves_the_direction():
         ({"sensing.window": "nadir"}, "sensing.window: 'nadir' is not allowed"),
         ({"sensing.waveform": "!PulseTrain {width_us: 2000}"}, "width: 0.002 s is not allowed"),
         ({"sensing.waveform": "!Chirp {}"}, "!Qpsk"),
-        ({"sensing.link_bits": 40}, "bits: 40 is not allowed"),
+        ({"sensing.link_bits": 40}, "sensing.link_bits: 40 is not allowed"),
     ],
 )
 def test_what_is_wrong_is_said(setting, words):

@@ -162,6 +162,9 @@ def test_what_does_not_fit(tmp_path, signals, files, capsys):
     assert "receiver_0 does not say when it begins" in refused(capsys, [files[0], dated])
     elsewhen = write(tmp_path, "elsewhen", signals[0], stamp="2026-03-01T12:00:09Z")
     assert "in common" in refused(capsys, [dated, elsewhen, "--set", "integration_s=0.01"])
+    assert "no time in common" in refused(capsys, [dated, elsewhen])
+    elsewhere = write(tmp_path, "elsewhere", signals[0], frequency=CARRIER + RATE)
+    assert "tuned 250000 Hz apart" in refused(capsys, [files[0], elsewhere])
     odd = write(tmp_path, "odd", signals[0])
     text = odd.read_text()
     for new, said in ((json.dumps("soon"), "core:datetime: soon"), ('"2026-13-01T00:00:00Z"', "core:datetime")):
@@ -182,7 +185,7 @@ def test_what_is_no_recording(tmp_path, signals, files, capsys):
     assert "core:datatype rf32_le" in refused(capsys, [files[0], real])
     lonely = write(tmp_path, "lonely", signals[0])
     lonely.with_suffix(".sigmf-data").unlink()
-    assert "lonely" in refused(capsys, [files[0], lonely])
+    assert "lonely.sigmf-meta: its data are missing" in refused(capsys, [files[0], lonely])
 
 
 def test_settings(files, capsys):
@@ -190,6 +193,11 @@ def test_settings(files, capsys):
     assert "every_s" in refused(capsys, [*files, "--set", "every_s=-1"])
     assert "confidence" in refused(capsys, [*files, "--set", "confidence=2"])
     assert "half_delay" in refused(capsys, [*files, "--set", "half_delay_us=-3"])
+    assert "half_delay_us: 1e+09" in refused(capsys, [*files, "--set", "half_delay_us=1e9"])
+    assert "at least a sample" in refused(capsys, [*files, "--set", "every_s=1e-9"])
+    assert "frequency_hz: 1e+06" in refused(capsys, [*files, "--set", "frequency_hz=1e6"])
+    assert "low_hz, high_hz, notch_hz" in refused(capsys, [*files, "--set", "low_hz=3e5", "--set", "high_hz=4e5"])
+    assert "low < high" in refused(capsys, [*files, "--set", "low_hz=2", "--set", "high_hz=1"])
     with pytest.raises(UserError, match="it has no settings"):
         replay("locards", settings=["a=1"], data="/work")
     with pytest.raises(UserError, match="2 files are not allowed for bearings; one"):

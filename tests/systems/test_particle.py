@@ -354,3 +354,17 @@ def test_particles_of_a_motion_with_an_input():
     sigma = np.sqrt(np.diagonal(outputs["ekf"]["covariance"], axis1=-2, axis2=-1))
     # the process noise follows the estimate, so it is the same only to a few per cent
     assert np.abs((outputs["pf"]["estimate"] - outputs["ekf"]["estimate"]) / sigma).max() < 0.3
+
+
+def test_one_trial_of_a_motion_with_an_input_is_not_measured():
+    motion = CurrentStatistical(0.05, [30.0] * 3, [-30.0] * 3, 1.0)
+    model = Linear(np.eye(9)[:3], 25.0 * np.eye(3))
+    spread = np.diag([100.0] * 3 + [25.0] * 3 + [4.0] * 3)
+    measured, clock, estimates = np.zeros((5, 2, 3)), Periodic(1.0), []
+    for missing in (False, True):
+        if missing:
+            measured[2, 1] = np.nan
+        block = make("pf", Pf(particles=200), model, motion, GivenStart(np.zeros((2, 9)), spread), 2, clock)
+        estimates.append(run(block, measured, np.zeros((5, 1, 18)), clock)[1]["estimate"])
+    assert np.isfinite(estimates[1]).all()
+    np.testing.assert_allclose(estimates[1][:, 0], estimates[0][:, 0], rtol=1e-9, atol=1e-9)
