@@ -198,7 +198,7 @@ def _limits(scenario: Scenario, plant: Any) -> tuple[Array, Array]:
     for name in ("a_max_mps2", "a_min_mps2"):
         value = getattr(belief, name)
         if value is not None and len(value) != 3:
-            raise UserError(f"belief.{name}: {value} is not allowed; three numbers")
+            raise UserError(f"belief.{name}: {value} is not allowed; a list of three numbers, along x, y and z")
     times = np.arange(scenario.start_s, scenario.stop_s, scenario.period_s)
     flown = np.array([plant.at(float(t))[1] for t in times])
     largest = np.maximum(flown.max(axis=0), 0.0) * belief.limit_margin
@@ -252,9 +252,10 @@ def _add_bias(builder: DiagramBuilder, scenario: Scenario, clock: Periodic, tria
 
 def _mode_block(scenario: Scenario, stations: int) -> ModeSchedule:
     mode = scenario.mode
-    outside = [i for i in [*mode.late_stations, mode.uplink_station] if not 0 <= i < stations]
-    if outside:
-        raise UserError(f"mode: station {outside[0]} is not known; there are 0 to {stations - 1}")
+    for name, asked in (("late_stations", mode.late_stations), ("uplink_station", [mode.uplink_station])):
+        outside = [i for i in asked if not 0 <= i < stations]
+        if outside:
+            raise UserError(f"mode.{name}: {outside[0]} is not allowed; a station, 0 to {stations - 1}")
     delays = np.zeros(stations)
     delays[mode.late_stations] = mode.late_samples * scenario.period_s
     return ModeSchedule([(w.begin_s, w.end_s) for w in mode.transponder], delays)

@@ -21,6 +21,8 @@ SYSTEMS: dict[str, str] = {
 }
 """Where each system is, as ``module:NAME``; a new system is one line here."""
 
+_MOST_EPOCHS = 1_000_000  # hours for one trial and one filter
+
 
 def systems() -> list[str]:
     """Return the names of the systems."""
@@ -102,14 +104,27 @@ def load_scenario(
         data = merge(data, read_yaml(Path(file)))
     for setting in settings:
         data = apply_setting(data, setting)
-    return load(schema, [data])
+    scenario = load(schema, [data])
+    _check_epochs(scenario)
+    return scenario
+
+
+def _check_epochs(scenario: Any) -> None:
+    """Refuse a run that would hardly end; every system has a period, and an end of one of two names."""
+    end = "stop_s" if hasattr(scenario, "stop_s") else "duration_s"
+    longest = _MOST_EPOCHS * scenario.period_s + getattr(scenario, "start_s", 0.0)
+    if getattr(scenario, end) > longest:
+        raise UserError(
+            f"{end}: {getattr(scenario, end):g} is not allowed; at most {longest:g}, {_MOST_EPOCHS} epochs of period_s "
+            f"{scenario.period_s:g}"
+        )
 
 
 def select_estimators(scenario: Any, wanted: Sequence[str] | None) -> list[str]:
     """Return the estimators to run: all of the scenario, or those asked for.
 
     A name from the registry that the scenario lacks, and ``package.module:Class``, are added to the scenario with
-    default options.
+    default options; ``default`` means all that the scenario has.
 
     Raises
     ------
@@ -121,8 +136,11 @@ def select_estimators(scenario: Any, wanted: Sequence[str] | None) -> list[str]:
             raise UserError("estimators: none is given; at least one is needed")
         return list(scenario.estimators)
     chosen: list[str] = []
+    own = list(scenario.estimators)
     for name in wanted:
-        if name in scenario.estimators:
+        if name == "default":
+            chosen.extend(own)
+        elif name in scenario.estimators:
             chosen.append(name)
         elif name in ESTIMATORS and name != "custom":
             scenario.estimators[name] = locate(ESTIMATORS[name])()

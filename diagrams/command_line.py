@@ -31,7 +31,9 @@ _SYSTEM = typer.Argument(metavar="SYSTEM[:VARIANT]", help="Which system; see `qu
 _SET = typer.Option("--set", metavar="KEY=VALUE", help="Change a field of the scenario; dotted key. Repeatable.")
 _SCENARIO = typer.Option("--scenario", metavar="FILE", help="A YAML file laid over the packaged scenario.")
 _ESTIMATOR = typer.Option(
-    "--estimator", metavar="NAME", help="Run only these: names of the scenario or registry, or package.module:Class."
+    "--estimator",
+    metavar="NAME",
+    help="Run only these: names of the scenario or registry, `default` for all of the scenario, or module:Class.",
 )
 
 

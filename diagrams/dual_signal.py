@@ -50,6 +50,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+_LEAST_CELLS = 16  # a band of fewer frequency cells has no spectrum to speak of, nor a time difference
 _SAMPLES_AT_ONCE = 2e6  # of one receiver in all trials: noise, sums and copies are some 200 bytes for each
 
 
@@ -94,9 +95,12 @@ class Signal:
     sample_rate_mhz: float = number("complex samples per second [MHz]", 4.0, above=0)
     samples: int = count("samples that are integrated at every epoch", 65536, at_least=1024)
     snr_main_db: float = number(
-        "signal-to-noise ratio at the main satellite, noise counted in the whole sample rate [dB]", -12.0
+        "signal-to-noise ratio at the main satellite, noise counted in the whole sample rate [dB]",
+        -12.0,
+        at_least=-60,
+        at_most=120,
     )
-    snr_auxiliary_db: float = number("the same at the auxiliary satellite [dB]", -12.0)
+    snr_auxiliary_db: float = number("the same at the auxiliary satellite [dB]", -12.0, at_least=-60, at_most=120)
     gain_main: float = number("amplification of the main satellite's channel", 1.0, above=0)
     gain_auxiliary: float = number("the same of the auxiliary satellite's", 0.7, above=0)
     link_bits: int = count(
@@ -168,8 +172,29 @@ class SignalChain:
 
 
 def waveform_of(signal: Signal) -> Waveform:
-    """Return the waveform of a scenario."""
-    given = signal.waveform
+    """Return the waveform of a scenario.
+
+    Raises
+    ------
+    UserError
+        If its band is wider than the sample rate, or narrower than some cells of frequency.
+    """
+    waveform = _waveform(signal.waveform)
+    if signal.sample_rate_mhz * 1e6 < waveform.bandwidth:
+        raise UserError(
+            f"sensing.sample_rate_mhz: {signal.sample_rate_mhz:g} is not allowed; at least the waveform's band, "
+            f"{waveform.bandwidth / 1e6:g} MHz"
+        )
+    least = _LEAST_CELLS * signal.sample_rate_mhz / signal.samples
+    if waveform.bandwidth / 1e6 < least:
+        raise UserError(
+            f"sensing.waveform: a band of {waveform.bandwidth / 1e6:g} MHz is not allowed; at least {least:.4g} MHz, "
+            f"{_LEAST_CELLS} times what {signal.samples} samples resolve"
+        )
+    return waveform
+
+
+def _waveform(given: Qpsk | BandLimitedNoise | PulseTrain) -> Waveform:
     if isinstance(given, Qpsk):
         return modulation.Qpsk(given.symbol_rate_mbd * 1e6, given.roll_off)
     if isinstance(given, BandLimitedNoise):
@@ -243,11 +268,6 @@ def add_signal_chain(
     """
     tdoa, fdoa = differences
     waveform = waveform_of(signal)
-    if signal.sample_rate_mhz * 1e6 < waveform.bandwidth:
-        raise UserError(
-            f"sensing.sample_rate_mhz: {signal.sample_rate_mhz:g} is not allowed; at least the waveform's band, "
-            f"{waveform.bandwidth / 1e6:g} MHz"
-        )
     if signal.window_largest_hz is not None and signal.window_largest_hz < signal.window_least_hz:
         raise UserError(
             f"sensing.window_largest_hz: {signal.window_largest_hz:g} is not allowed; at least window_least_hz, "

@@ -2,6 +2,7 @@
 
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -211,10 +212,30 @@ def station_positions(scenario: Launch) -> Array:
     return np.array(places)
 
 
+_FIELDS = {
+    "ignition": "ignition_s",
+    "propellant": "propellant_t",
+    "dry_mass": "dry_t",
+    "thrust": "thrust_kn",
+    "mass_flow": "mass_flow_kgps",
+}
+
+
 def vehicle_block(scenario: Launch) -> EnsembleBlock:
-    """Return the block with the ports state, acceleration and stage."""
+    """Return the block with the ports state, acceleration and stage.
+
+    Raises
+    ------
+    UserError
+        If the rocket cannot fly like that, in the scenario's names.
+    """
     if isinstance(scenario.vehicle, Rocket):
-        return RocketPlant(rocket_model(scenario), scenario.stop_s, name="rocket")
+        try:
+            return RocketPlant(rocket_model(scenario), scenario.stop_s, name="rocket")
+        except ValueError as error:
+            said = re.sub(r"^stages\.(\d+)\.(\w+):", lambda m: f"stages.{m[1]}.{_FIELDS.get(m[2], m[2])}:", str(error))
+            said = said.replace("pitch program:", "pitch_times_s, pitch_deg:")
+            raise UserError(said if said.startswith("rocket:") else f"vehicle.{said}") from error
     from diagrams.falcon9 import falcon9_plant
 
     return falcon9_plant(scenario.vehicle, launch_site(scenario), scenario.stop_s)

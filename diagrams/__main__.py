@@ -1,0 +1,5 @@
+"""``python -m diagrams`` is ``quietfix``."""
+
+from diagrams.command_line import main
+
+main()
