@@ -14,6 +14,7 @@ from diagrams.metrics import nees_statistics, nis_statistics
 __all__ = ["draw_consistency"]
 
 _CONFIDENCE = 0.95
+_TALLEST = 1000.0  # times what is consistent: a filter that is lost must not press the others into one line
 
 
 def draw_consistency(dataset: xr.Dataset, kind: str) -> Figure:
@@ -46,10 +47,15 @@ def draw_consistency(dataset: xr.Dataset, kind: str) -> Figure:
     axes.axhline(one, color="0.4", linewidth=1.0)
     for name, look in shown.items():
         values = curve.sel(estimator=name).values
-        axes.plot(time, np.where(np.isfinite(values), values, np.nan), label=name, **look.line())
+        values = np.where(np.isfinite(values), values, np.nan)
+        largest = np.nanmax(values, initial=0.0)
+        beyond = f" (off the scale, up to {largest:.0e})" if largest > _TALLEST * one else ""
+        axes.plot(time, values, label=f"{name}{beyond}", **look.line())
     finite = curve.values[np.isfinite(curve.values)]
     if finite.size and finite.max() > 10 * one:
         log_scale(axes)
+        if finite.max() > _TALLEST * one:
+            axes.set_ylim(top=_TALLEST * one)
     axes.set(xlabel="time [s]", ylabel=label, xlim=(time[0], time[-1]))
     grid(axes)
     figure.suptitle(title(dataset))
