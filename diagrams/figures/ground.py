@@ -18,6 +18,13 @@ Array = NDArray[np.float64]
 
 _CARRIERS = "0.35"
 _TARGET = "black"
+_LABEL: dict[str, Any] = {  # readable where a track or a dot lies below it
+    "xytext": (5, 3),
+    "textcoords": "offset points",
+    "color": _CARRIERS,
+    "bbox": {"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
+    "zorder": 5,
+}
 _PLANES = {"launch": ((0, "down-range X"), (2, "Z"))}
 """Which two axes lie along the ground in a frame that is not Earth-fixed, and their names; else the first two."""
 
@@ -92,7 +99,7 @@ def _draw_tracks(axes: Any, target: Array, dataset: xr.Dataset) -> None:
                 label="carriers, from the dot on" if i == 0 else None,
             )
             last = _on_map(carriers[-1, i, :3], local)
-            axes.annotate(str(i), last, xytext=(4, 2), textcoords="offset points", color=_CARRIERS)
+            axes.annotate(str(i), last, **_LABEL)
     shown = target[:20]  # enough to see how trials differ
     for i, course in enumerate(shown):
         _track(
@@ -122,7 +129,7 @@ def _draw_plane(left: Any, right: Any, dataset: xr.Dataset, plane: tuple[tuple[i
         left.plot(carriers[..., i], carriers[..., j], color=_CARRIERS, linewidth=1.5)
         left.plot(carriers[0, :, i], carriers[0, :, j], "o", color=_CARRIERS, markersize=6, label="carriers")
         for k, place in enumerate(carriers[-1]):
-            left.annotate(str(k), place[[i, j]], xytext=(4, 2), textcoords="offset points", color=_CARRIERS)
+            left.annotate(str(k), place[[i, j]], **_LABEL)
     for k, course in enumerate(truth[:20] / 1e3):
         left.plot(course[:, i], course[:, j], color="#d55e00", linewidth=2.0, label="target" if k == 0 else None)
     left.set(xlabel=f"{across} [km]", ylabel=f"{up} [km]", title="tracks seen from above")
@@ -154,9 +161,11 @@ def _draw_last_errors(axes: Any, dataset: xr.Dataset) -> None:
         rotation = enu_rotation(np.nan_to_num(latitude), np.nan_to_num(longitude))
         with np.errstate(invalid="ignore"):
             offset = (rotation @ (estimate - truth)[..., None])[..., 0] / 1e3
-    for i, (name, look) in enumerate(looks(dataset).items()):
-        finite = offset[i][np.isfinite(offset[i]).all(axis=-1)]
-        axes.plot(finite[:, 0], finite[:, 1], ".", color=look.color, markersize=5, label=name, zorder=3 - 0.01 * i)
+    clouds = [cloud[np.isfinite(cloud).all(axis=-1)] for cloud in offset]
+    widths = [np.square(cloud).sum() / max(len(cloud), 1) for cloud in clouds]
+    wider = np.argsort(np.argsort(widths, kind="stable"))  # the wider a cloud the lower it lies
+    for cloud, rank, (name, look) in zip(clouds, wider, looks(dataset).items(), strict=True):
+        axes.plot(cloud[:, 0], cloud[:, 1], ".", color=look.color, markersize=5, label=name, zorder=3 - 0.01 * rank)
     axes.axhline(0, color="0.6", linewidth=0.8)
     axes.axvline(0, color="0.6", linewidth=0.8)
     axes.plot(0, 0, "+", color=_TARGET, markersize=14, markeredgewidth=2, zorder=4)
