@@ -10,7 +10,16 @@ from typing import Any
 from diagrams.errors import UserError, choose
 from systems.registry import ESTIMATORS, locate
 
-__all__ = ["SYSTEMS", "load_scenario", "select_estimators", "split_name", "system", "systems", "variants"]
+__all__ = [
+    "SYSTEMS",
+    "estimator_key",
+    "load_scenario",
+    "select_estimators",
+    "split_name",
+    "system",
+    "systems",
+    "variants",
+]
 
 SYSTEMS: dict[str, str] = {
     "three_satellite": "diagrams.three_satellite:SYSTEM",
@@ -120,6 +129,11 @@ def _check_epochs(scenario: Any) -> None:
         )
 
 
+def estimator_key(name: str) -> str:
+    """Return what a study calls an estimator that is asked for by name or by ``package.module:Class``."""
+    return name.partition(":")[2].lower() if ":" in name else name
+
+
 def select_estimators(scenario: Any, wanted: Sequence[str] | None) -> list[str]:
     """Return the estimators to run: all of the scenario, or those asked for.
 
@@ -146,7 +160,7 @@ def select_estimators(scenario: Any, wanted: Sequence[str] | None) -> list[str]:
             scenario.estimators[name] = locate(ESTIMATORS[name])()
             chosen.append(name)
         elif ":" in name:
-            key = name.partition(":")[2].lower()
+            key = estimator_key(name)
             there = scenario.estimators.get(key)
             if key in ESTIMATORS or (there is not None and getattr(there, "class_", None) != name):
                 raise UserError(

@@ -133,7 +133,7 @@ class PairResult:
     tdoa, fdoa, sigma_tdoa, sigma_fdoa : ndarray, shape (samples,)
         [s], [Hz], and the standard deviations that the samples let expect.
     peak, coherence : ndarray, shape (samples,)
-        See `systems.ambiguity.estimate.Differences`.
+        See `systems.ambiguity.differences.Differences`.
     flag : ndarray of int, shape (samples,)
         Sum of `Flag`.
     """

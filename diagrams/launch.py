@@ -212,12 +212,10 @@ def station_positions(scenario: Launch) -> Array:
     return np.array(places)
 
 
-_FIELDS = {
+_FIELDS = {  # those that only a whole rocket can be told to be wrong in
     "ignition": "ignition_s",
     "propellant": "propellant_t",
-    "dry_mass": "dry_t",
     "thrust": "thrust_kn",
-    "mass_flow": "mass_flow_kgps",
 }
 
 

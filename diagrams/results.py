@@ -74,10 +74,8 @@ class OutputFolder:
 
     def __init__(self, folder: Path | str, overwrite: bool = False) -> None:
         self.final = Path(folder)
-        if self.final.name in ("", ".."):
-            raise UserError(f"--out: {str(folder)!r} is not allowed; the name of a new folder or an earlier result")
-        self.partial = self.final.with_name(self.final.name + ".partial")
         self.check(self.final, overwrite)
+        self.partial = self.final.with_name(self.final.name + ".partial")
         try:
             if self.partial.exists():
                 shutil.rmtree(self.partial)
@@ -91,7 +89,9 @@ class OutputFolder:
 
     @staticmethod
     def check(final: Path, overwrite: bool) -> None:
-        """Raise a `UserError` if the folder exists and may not be replaced."""
+        """Raise a `UserError` if the folder has no name, or exists and may not be replaced."""
+        if final.name in ("", ".."):
+            raise UserError(f"--out: {str(final)!r} is not allowed; the name of a new folder or an earlier result")
         if not final.exists():
             return
         if not final.is_dir():

@@ -7,7 +7,7 @@ from functools import reduce
 from operator import or_
 from typing import Any
 
-__all__ = ["ESTIMATORS", "estimator_options", "locate"]
+__all__ = ["ESTIMATORS", "estimator_options", "in_one_line", "locate"]
 
 ESTIMATORS: dict[str, str] = {
     "iekf": "systems.estimators.iekf:Iekf",
@@ -30,6 +30,11 @@ ESTIMATORS: dict[str, str] = {
 """Options class of each estimator, as ``module:Class``."""
 
 
+def in_one_line(error: BaseException) -> str:
+    """Return kind and text of an error in a user's code."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
 def locate(path: str) -> Any:
     """Import what ``package.module:Name`` names.
 
@@ -46,8 +51,7 @@ def locate(path: str) -> Any:
     except ImportError as error:
         raise ValueError(f"class: {path} cannot be imported ({error})") from error
     except (Exception, SystemExit) as error:  # whatever a user's file does while it is read
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ValueError(f"class: {path} cannot be imported ({said})") from error
+        raise ValueError(f"class: {path} cannot be imported ({in_one_line(error)})") from error
     try:
         return getattr(found, name)
     except AttributeError as error:

@@ -465,6 +465,7 @@ class RmseRatio(_Error):
     def check(self, run: Run, estimator: str, where: str) -> None:
         """Check both estimators."""
         super().check(run, estimator, where)
+        choose(f"{where}.to", self.to, run.states)
         choose(f"{where}.of", self.of, run.quantities[self.to])
 
     def reduce(self, view: View, estimator: str, run: Run) -> Array:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from diagrams.catalogue import split_name
+from diagrams.catalogue import estimator_key, split_name
 from diagrams.errors import UserError, choose
 from diagrams.scenario import load, read_yaml
 from diagrams.verification.metric import Metric, MetricChoice, RmseRatio
@@ -77,11 +77,6 @@ class Specification:
         """Return at how many trials is looked; `trials` instead of the file's limit."""
         limit = self.trial_limit if trials is None else trials
         return plan_looks(min(self.trials, limit), limit, self.looks)
-
-
-def estimator_key(name: str) -> str:
-    """Return what a study calls an estimator that is asked for by name or by ``package.module:Class``."""
-    return name.partition(":")[2].lower() if ":" in name else name
 
 
 @contextmanager

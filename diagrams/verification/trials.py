@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.errors import UserError
+from diagrams.catalogue import estimator_key
+from diagrams.errors import UserError, choose
 from diagrams.study import Study
 from diagrams.verification.metric import RmseRatio, Run, View
-from diagrams.verification.specification import Requirement, Specification, estimator_key
+from diagrams.verification.specification import Requirement, Specification
 
 __all__ = ["GrowingStudy"]
 
@@ -72,6 +73,7 @@ class GrowingStudy:
 
     def _check(self, requirement: Requirement, where: str) -> None:
         assert requirement.confidence is not None
+        choose(f"{where}.estimator", requirement.estimator, self.run.states)
         requirement.measured.check(self.run, requirement.estimator, f"{where}.metric")
         statistic, limit = requirement.measured.statistic(self.run), requirement.limit
         tail = limit.tail(requirement.confidence, len(self.looks))
@@ -143,23 +145,18 @@ def _options(
     variant = chosen.variant if chosen is not None and chosen.variant else None
     head = specification.system.partition(":")[0]
     full = {estimator_key(name): name for name in specification.estimators}
-    used: dict[str, str] = {}
+    asked: list[str] = []
     for requirement in requirements:
-        metric, asked = requirement.measured, [requirement.estimator]
+        metric = requirement.measured
+        asked.append(requirement.estimator)
         requirement.estimator = estimator_key(requirement.estimator)
         if isinstance(metric, RmseRatio):
             asked.append(metric.to)
             metric.to = estimator_key(metric.to)
-        for name in asked:
-            key, name = estimator_key(name), full.get(name, name)
-            before = used.setdefault(key, name)
-            if ":" in name and ":" in before and name != before:
-                raise UserError(f"estimator: {name} is not allowed; {before} has the same name, {key}")
-            if ":" in name:  # a bare name elsewhere in the file means this class
-                used[key] = name
+    full |= {estimator_key(name): name for name in asked if ":" in name}  # a bare name elsewhere means this class
     return {
         "system": f"{head}:{variant}" if variant else specification.system,
         "scenario": path.parent / specification.scenario if specification.scenario else None,
         "set": [*specification.set, *(chosen.set if chosen is not None else [])],
-        "estimators": list(used.values()),
+        "estimators": list(dict.fromkeys(full.get(name, name) for name in asked)),
     }

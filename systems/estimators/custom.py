@@ -13,7 +13,7 @@ from systems.estimators.start import Start
 from systems.filters.gaussian import GaussianFilter
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
-from systems.registry import locate
+from systems.registry import in_one_line, locate
 
 __all__ = ["Custom"]
 
@@ -63,5 +63,4 @@ class Custom(EstimatorOptions):
         file = getattr(sys.modules.get(self.class_.partition(":")[0]), "__file__", None)
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         where = f" ({Path(file).name}, line {lines[-1]})" if file and lines else ""
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        return f"estimators.{name}.class: {self.class_} failed with {said}{where}"
+        return f"estimators.{name}.class: {self.class_} failed with {in_one_line(error)}{where}"

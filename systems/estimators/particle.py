@@ -273,10 +273,9 @@ class ParticleEstimator(Estimator):
     ) -> tuple[Memory, Innovation]:
         """See `Estimator.correct`."""
         trials, m, n = measurement.shape[0], self.model.size, self.motion.size
-        posterior = {group: np.empty_like(value) for group, value in memory.items()}
+        carried = {"motion_input": memory["motion_input"]} if self.motion.input_size else {}
+        posterior = {name: np.empty_like(value) for name, value in memory.items() if name not in carried}
         posterior |= {"mean": np.empty((trials, n)), "covariance": np.empty((trials, n * n))}
-        if self.motion.input_size:
-            posterior["motion_input"] = memory["motion_input"]
         innovation = Innovation(np.full((trials, m), np.nan), np.full(trials, np.nan), np.zeros(trials))
         draws = self._draws(epoch)
         for group in self._groups_of_trials():
@@ -285,10 +284,10 @@ class ParticleEstimator(Estimator):
             carriers = platforms if platforms.shape[0] == 1 else platforms[group]
             reading = Reading(self.model, measurement[group], carriers, whitener)
             given = draws.of(np.arange(group.start, group.stop))
-            new = {name: value[group] for name, value in posterior.items() if name != "motion_input"}
+            new = {name: value[group] for name, value in posterior.items()}
             value, nis, rows = self._correct_group(part, reading, given, new)
             innovation.value[group], innovation.nis[group], innovation.nis_dof[group] = value, nis, rows
-        return posterior, innovation
+        return {**posterior, **carried}, innovation
 
     def _correct_group(self, memory: Memory, reading: Reading, draws: Draws, posterior: Memory) -> Innovation:
         """Put what is known after the reading into `posterior`; return the innovation.
@@ -306,12 +305,12 @@ class ParticleEstimator(Estimator):
         value, nis = np.full(missing.shape, np.nan), np.full(len(rows), np.nan)
         if not rows.all():
             mean, covariance = self._moments_of(prior)
-            after = dict(memory) | {"mean": mean, "covariance": covariance.reshape(len(mean), -1)}
+            after = {**memory, "mean": mean, "covariance": covariance.reshape(len(mean), -1)}
             for name, array in posterior.items():
                 array[...] = after[name]
             some = np.flatnonzero(rows)
             if some.size:
-                part = {name: array[some] for name, array in after.items() if name in posterior}
+                part = {name: array[some] for name, array in posterior.items()}
                 new = {name: np.empty_like(array) for name, array in part.items()}
                 told = self._correct_group(part, reading.rows(some), draws.of(some), new)
                 for name, array in new.items():

@@ -21,7 +21,7 @@ __all__ = ["QUALITY", "Aim", "CrossAmbiguitySensor"]
 Array = NDArray[np.float64]
 
 QUALITY = ("peak_to_noise", "confidence", "right_cell", "coherence", "flag", "stein_tdoa", "stein_fdoa")
-"""What the port ``quality`` carries: see `systems.ambiguity.estimate.Differences`; the last two are variances."""
+"""What the port ``quality`` carries: see `systems.ambiguity.differences.Differences`; the last two are variances."""
 
 
 @dataclass(frozen=True, eq=False)

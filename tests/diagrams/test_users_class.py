@@ -88,6 +88,29 @@ def test_trials_that_are_lost_do_not_drop_out_of_nees_and_nis(tmp_path):
     assert report.status == 1 and all(np.isinf(finding.estimate) for finding in report.findings)
 
 
+@pytest.mark.parametrize(
+    ("second", "said"),
+    [
+        (
+            "{name: b, estimator: default, metric: !Rmse {time_s: 2}, at_most: 2.0e4}",
+            "requirements.1.estimator: default",
+        ),
+        ('{name: b, estimator: "other:Raises", metric: !Rmse {time_s: 2}, at_most: 2.0e4}', "called raises"),
+        (
+            "{name: b, estimator: iekf, metric: !RmseRatio {to: default, time_s: 2}, at_most: 2.0}",
+            "requirements.1.metric.to: default",
+        ),
+    ],
+)
+def test_a_requirement_is_about_one_estimator(tmp_path, second, said):
+    file = tmp_path / "x.yaml"
+    first = '{name: a, estimator: "wrong_filters:Raises", metric: !Rmse {time_s: 2}, at_most: 2.0e4}'
+    head = "system: three_satellite\ntrials: 60\ntrial_limit: 60\nlooks: 1\nset: [duration_s=2]\nrequirements:\n"
+    file.write_text(f"{head}  - {first}\n  - {second}\n", encoding="utf-8")
+    with pytest.raises(UserError, match=said):
+        verify(file)
+
+
 def test_compare_sees_every_folder_and_repetition_before_it_runs(tmp_path, monkeypatch):
     monkeypatch.setattr("diagrams.comparing.prepare", lambda *a, **k: pytest.fail("it ran"))
     (tmp_path / "bearing_crossing").mkdir()

@@ -207,7 +207,7 @@ class ParticleUpdate:
         while active.size:
             if stage:
                 log_likelihood, _ = likelihood(cloud.particles, active)
-                prior_weight = None
+                prior_weight, before = None, math.log(count)
             hopeless = ~np.isfinite(log_likelihood.max(axis=-1))
             if hopeless.any():  # no particle can explain it: nothing is learned but that
                 log_likelihood = np.where(hopeless[:, None], 0.0, log_likelihood)
@@ -216,10 +216,9 @@ class ParticleUpdate:
             if self.share is not None and stage < self.max_stages - 1:
                 flat = np.full(log_likelihood.shape, 1 / count) if prior_weight is None else prior_weight
                 step = next_exponent(flat, log_likelihood, remaining, self.share)
-            old = before if stage == 0 else math.log(count)
             log_weight = cloud.log_weight + step[:, None] * log_likelihood
             weight, log_sum = normalise(log_weight)
-            done.log_evidence[active] += log_sum - old
+            done.log_evidence[active] += log_sum - before
             mean, covariance = moments(cloud.particles, weight)
             effective = effective_size(weight)
 
