@@ -195,7 +195,10 @@ class IqReplay:
         from diagrams.figures.iq_replay import draw_differences
         from diagrams.figures.style import save
 
-        return [save(draw_differences(self), folder / "differences.png"), self._write(folder / "differences.csv")]
+        return [
+            save(draw_differences(self.pairs, self.times, self.length), folder / "differences.png"),
+            self._write(folder / "differences.csv"),
+        ]
 
     def _write(self, path: Path) -> Path:
         with path.open("w", encoding="utf-8", newline="") as stream:

@@ -29,7 +29,6 @@ __all__ = [
     "Observability",
     "direction_axes",
     "observe",
-    "observe_figures",
     "prior_scale",
     "report",
     "share_words",
@@ -425,13 +424,3 @@ def write_observability(path: Path, found: Sequence[Observability], system: str)
         "sets": [one.summary() for one in found],
     }
     path.write_text(json.dumps(whole, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def observe_figures(found: Sequence[Observability], title: str, folder: Path | str) -> list[Path]:
-    """Draw and save a figure per set of measurements, ``observability_ESTIMATOR.png``."""
-    from diagrams.figures.observability import draw_observability
-    from diagrams.figures.style import save
-
-    return [
-        save(draw_observability(one, title), Path(folder) / f"observability_{one.estimators[0]}.png") for one in found
-    ]

@@ -167,10 +167,12 @@ def observe_command(
     overwrite: bool,
 ) -> None:
     """Say what is observable; see ``quietfix observe --help``."""
-    from diagrams.observability import observe, observe_figures, report, write_observability
+    from diagrams.observability import observe, report, write_observability
 
     found = observe(system, estimators=estimators, window=window, scenario=scenario, set=settings)
     if out is not None:
+        from diagrams.figures.observability import observe_figures
+
         with OutputFolder(out, overwrite) as folder:
             write_observability(folder.partial / "summary.json", found, system)
             observe_figures(found, system, folder.partial)

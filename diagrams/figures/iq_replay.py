@@ -2,34 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from diagrams.figures.style import grid, new_figure
-
-if TYPE_CHECKING:
-    from diagrams.iq_replay import IqReplay
+from diagrams.iq_pairs import PairResult
 
 __all__ = ["draw_differences"]
 
 _COLOURS = ("#0072b2", "#d55e00")
 
 
-def draw_differences(result: IqReplay) -> Figure:
-    """Draw both differences of every pair against time, a row for each pair, with the sigmas that are expected."""
-    count = len(result.pairs)
+def draw_differences(pairs: Sequence[PairResult], times: NDArray[np.float64], length: float) -> Figure:
+    """Draw both differences of every pair against time [s], a row for each pair, with the sigmas that are expected.
+
+    `length` is what each was integrated over [s].
+    """
+    count = len(pairs)
     figure, panels = new_figure(height=1.2 + 3.0 * count, rows=count, columns=2, sharex=True, squeeze=False)
-    for pair, row in zip(result.pairs, panels, strict=True):
+    for pair, row in zip(pairs, panels, strict=True):
         good = pair.good
         values = ((1e6 * pair.tdoa, 1e6 * pair.sigma_tdoa, "TDOA [us]"), (pair.fdoa, pair.sigma_fdoa, "FDOA [Hz]"))
         for axes, colour, (value, sigma, label) in zip(row, _COLOURS, values, strict=True):
-            axes.errorbar(result.times[good], value[good], sigma[good], fmt="o-", ms=4, lw=0.8, capsize=2, color=colour)
+            axes.errorbar(times[good], value[good], sigma[good], fmt="o-", ms=4, lw=0.8, capsize=2, color=colour)
             if not good.all():
                 bottom = np.zeros(np.count_nonzero(~good))
                 axes.plot(
-                    result.times[~good],
+                    times[~good],
                     bottom,
                     "x",
                     color="black",
@@ -46,5 +48,5 @@ def draw_differences(result: IqReplay) -> Figure:
             grid(axes)
     for axes in panels[-1]:
         axes.set_xlabel("time [s]")
-    figure.suptitle(f"Differences of arrival, {1e3 * result.length:.4g} ms each, with the sigmas expected")
+    figure.suptitle(f"Differences of arrival, {1e3 * length:.4g} ms each, with the sigmas expected")
     return figure

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from diagrams.figures.style import grid, log_scale, new_figure
+from diagrams.figures.style import grid, log_scale, new_figure, save
+from diagrams.observability import Observability
 
-if TYPE_CHECKING:
-    from diagrams.observability import Observability
-
-__all__ = ["draw_observability"]
+__all__ = ["draw_observability", "observe_figures"]
 
 _LARGEST = 1e6  # of the prior; what is known worse is not drawn
 
@@ -79,3 +77,10 @@ def draw_observability(one: Observability, title: str) -> Figure:
     lines = [_short(title, one.estimators), f"state at the start from {_short('', one.rows)}"]
     figure.suptitle("\n".join([*lines, "alone: no prior, no process noise"]), fontsize=13)
     return figure
+
+
+def observe_figures(found: Sequence[Observability], title: str, folder: Path | str) -> list[Path]:
+    """Draw and save a figure per set of measurements, ``observability_ESTIMATOR.png``."""
+    return [
+        save(draw_observability(one, title), Path(folder) / f"observability_{one.estimators[0]}.png") for one in found
+    ]
