@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,9 @@ Array = NDArray[np.float64]
 
 ORDERS = {"bias": 1, "bias_drift": 2, "bias_drift_rate": 3}
 """The estimators: how many states the oscillator has."""
+
+_STATES = (("bias", "m/s"), ("drift", "m/s^2"), ("drift rate", "m/s^3"))
+_FAR = 4.0  # sigmas: a Gaussian is beyond once in 16 000 times
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,7 @@ class _Stream:
     satellite: Array
     which: NDArray[np.int64]
     passes: list[Pass]
+    left_out: int
 
 
 def _stream(passes: Sequence[Pass], settings: Settings) -> _Stream:
@@ -104,7 +109,7 @@ def _stream(passes: Sequence[Pass], settings: Settings) -> _Stream:
         stamp = (one.start - used[0].start) * 86400.0 + one.times[first] - used[0].times[0]
         parts.append((stamp, one.range_rate[first], one.satellite[first], np.full(first.size, i)))
     times, rates, satellites, which = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return _Stream(times, rates, satellites, which, used)
+    return _Stream(times, rates, satellites, which, used, len(passes) - len(used))
 
 
 def _start(passes: Sequence[Pass], settings: Settings) -> Array:
@@ -177,11 +182,39 @@ def _polynomial(times: Array, order: int) -> Array:
     return np.stack([scaled**k for k in range(order)], axis=1)
 
 
-def _residual(stream: _Stream, position: Array, order: int, scale: float) -> Array:
-    """Return measured minus predicted range rate at a station, after the best oscillator of each pass (robust)."""
+def _misfit(stream: _Stream, position: Array) -> Array:
+    """Return measured minus predicted range rate at a station [m/s], shape (samples,)."""
     offset = position - stream.satellite[:, :3]
     distance = np.linalg.norm(offset, axis=-1)
-    left = stream.range_rate + np.einsum("ki,ki->k", offset, stream.satellite[:, 3:]) / distance
+    left: Array = stream.range_rate + np.einsum("ki,ki->k", offset, stream.satellite[:, 3:]) / distance
+    return left
+
+
+def _far_off(stream: _Stream, position: Array, sigmas: Sequence[float]) -> list[tuple[float, str]]:
+    """Return what lies far outside its prior, the worst first: number of sigmas, and it in words.
+
+    The oscillator's states at the start of each pass by least squares of the misfit at a station: the estimator's own
+    are drawn to the prior, and its weights take what the prior cannot be for outliers.
+    """
+    left, far = _misfit(stream, position), []
+    for i, one in enumerate(stream.passes):
+        rows = stream.which == i
+        since = stream.times[rows] - stream.times[rows][0]
+        power = np.arange(len(sigmas))
+        scale = np.maximum(since[-1], 1.0) ** power
+        factorial = np.cumprod(np.maximum(power, 1))
+        basis = (since[:, None] / np.maximum(since[-1], 1.0)) ** power / factorial
+        states = np.linalg.lstsq(basis, left[rows], rcond=None)[0] / scale
+        for state, sigma, (name, unit) in zip(states, sigmas, _STATES, strict=False):
+            if abs(state) > _FAR * sigma:
+                ratio = float(abs(state) / sigma)
+                far.append((ratio, f"pass {one.name}: {name} {state:.4g} {unit}, {ratio:.1f} sigmas"))
+    return sorted(far, key=lambda found: -found[0])
+
+
+def _residual(stream: _Stream, position: Array, order: int, scale: float) -> Array:
+    """Return measured minus predicted range rate at a station, after the best oscillator of each pass (robust)."""
+    left = _misfit(stream, position)
     for i in range(len(stream.passes)):
         rows = stream.which == i
         basis = _polynomial(stream.times[rows], order)
@@ -269,16 +302,32 @@ class DoptrackReplay:
     def notes(self) -> list[str]:
         """Return lines for below the table."""
         s = self.settings.selection
-        return [
+        lines = [
             f"passes with a predicted elevation >= {s.elevation_deg:g} deg, {s.span_s:g} s and {s.samples} samples or "
-            f"more; start {self.settings.offset_km:g} km off; residual: 1.4826 times the median absolute one, after "
-            "the best oscillator of each pass"
+            f"more, {self.stream.left_out} others left out; of each the first sample in {self.settings.every_s:g} s; "
+            f"start {self.settings.offset_km:g} km off; residual: 1.4826 times the median absolute one, after the best "
+            "oscillator of each pass",
+            "an epoch without an offset is taken as UTC",
         ]
+        for name, far in self.outside_prior.items():
+            more = f", and {len(far) - 1} more" if len(far) > 1 else ""
+            lines.append(f"{name}: outside of its prior: {far[0][1]}{more}; the estimate is not to be trusted")
+        return lines
+
+    @cached_property
+    def outside_prior(self) -> dict[str, list[tuple[float, str]]]:
+        """What of each estimator's oscillator is further than 4 sigmas from its prior, the furthest first."""
+        sigmas = self.settings.sigmas
+        found = {
+            name: _far_off(self.stream, self.estimates[name][-1], sigmas[: ORDERS[name]]) for name in self.estimates
+        }
+        return {name: far for name, far in found.items() if far}
 
     def summary(self) -> dict[str, Any]:
         """Return numbers for ``summary.json``."""
         return {
             "passes": [one.name for one in self.stream.passes],
+            "passes_left_out": self.stream.left_out,
             "samples": int(self.times.size),
             "estimators": {
                 name: {
@@ -286,6 +335,7 @@ class DoptrackReplay:
                     "sigma_horizontal_m": self.sigmas[name],
                     "height_error_m": float(self.errors(name)[-1, 2]),
                     "residual_mps": self.robust_sigma(name),
+                    "outside_prior": [text for _, text in self.outside_prior.get(name, [])],
                 }
                 for name in self.estimates
             },

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydrake.common.yaml import yaml_load
 
 from diagrams.errors import UserError
+from diagrams.instants import instant
 from systems.frames import EARTH_RATE, geodetic_to_ecef
 from systems.measurement.base import SPEED_OF_LIGHT
 
@@ -23,6 +24,7 @@ NOMINAL = 145.868e6
 """Carrier that frequencies are turned into range rates with [Hz]; its error is part of every pass's bias."""
 
 _J2000 = 2451545.0
+_UNIX = 2440587.5  # Julian date of 1970, the zero of `instant`
 _DAY = 86400.0
 
 
@@ -33,9 +35,9 @@ class Pass:
     Attributes
     ----------
     name : str
-        Date and time of day of its epoch, UTC.
+        What its file is named after: date and time of day.
     start : float
-        Julian date of the epoch.
+        Julian date of the epoch, UTC.
     times : ndarray, shape (samples,)
         Seconds after the epoch.
     range_rate : ndarray, shape (samples,)
@@ -130,15 +132,24 @@ def satellite_states(line1: str, line2: str, julian: float, seconds: Array) -> A
 def read_passes(folder: Path) -> list[Pass]:
     """Return all passes in the order of time.
 
+    An epoch may have any offset from UTC; one without an offset is UTC.
+
     Raises
     ------
     UserError
-        If there is none, or a file cannot be read.
+        If there is none, a file cannot be read or is alone, or the passes are not of one station.
     """
     files = sorted(folder.glob("Delfi-C3_*.yml"))
     if not files:
         raise UserError(f"data: {folder} holds no passes (Delfi-C3_*.yml)")
-    return sorted((_read(file) for file in files), key=lambda one: one.start)
+    for table in sorted(folder.glob("Delfi-C3_*.csv")):
+        if not table.with_suffix(".yml").is_file():
+            raise UserError(f"data: {table} has no file beside it that ends in .yml, which says when it begins")
+    passes = sorted((_read(file) for file in files), key=lambda one: one.start)
+    for one in passes[1:]:
+        if np.any(one.station != passes[0].station):
+            raise UserError(f"data: pass {one.name} is of another station than pass {passes[0].name}; one is located")
+    return passes
 
 
 def _read(file: Path) -> Pass:
@@ -146,7 +157,7 @@ def _read(file: Path) -> Pass:
         about: Any = yaml_load(data=file.read_text(encoding="utf-8"))
         table = np.loadtxt(file.with_suffix(".csv"), delimiter=",", comments="#", ndmin=2)
         epoch = about["tracking"]["epoch"]
-        epoch = epoch if isinstance(epoch, datetime) else datetime.fromisoformat(str(epoch))
+        whole, rest = instant(epoch if isinstance(epoch, datetime) else str(epoch))
         place = about["station"]["position"]
         elements = about["satellite"]["tle"]
         elevation = float(about["prediction"]["max_elevation"])
@@ -159,7 +170,7 @@ def _read(file: Path) -> Pass:
         raise UserError(f"data: {file} cannot be read ({' '.join(str(error).split())})") from error
     if table.shape[1] < 2 or table.shape[0] < 2 or np.any(np.diff(table[:, 0]) <= 0):
         raise UserError(f"data: {file.with_suffix('.csv')} is not a pass; increasing times and frequencies are needed")
-    start = _J2000 + (epoch.replace(tzinfo=UTC) - datetime(2000, 1, 1, 12, tzinfo=UTC)).total_seconds() / _DAY
+    start = _UNIX + (whole + rest) / _DAY
     times = table[:, 0]
     return Pass(
         name=file.stem.rsplit("_", 1)[1],

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import warnings
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.errors import UserError
+from diagrams.instants import instant
 
 __all__ = ["IqRecording", "read_sigmf"]
-
-_STAMP = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d+))?(Z|[+-]\d\d:\d\d)?")
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,14 +127,7 @@ def _number(file: Path, key: str, value: Any) -> float:
 
 
 def _instant(file: Path, text: str) -> tuple[int, float]:
-    """Return an ISO 8601 date and time as whole seconds since 1970 and a fraction, of as many digits as there are."""
-    parts = _STAMP.fullmatch(text.strip())
-    if parts is None:
-        raise UserError(
-            f"FILE: {file}: core:datetime: {text} is not allowed; a date such as 2026-03-01T12:00:00.000001Z"
-        )
     try:
-        whole = datetime.fromisoformat(parts[1] + ("+00:00" if parts[3] in (None, "Z") else parts[3])).astimezone(UTC)
+        return instant(text)
     except ValueError as error:
-        raise UserError(f"FILE: {file}: core:datetime: {text} is not allowed ({error})") from error
-    return int(whole.timestamp()), float("0." + parts[2]) if parts[2] else 0.0
+        raise UserError(f"FILE: {file}: core:datetime: {error}") from error

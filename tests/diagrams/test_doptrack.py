@@ -117,3 +117,64 @@ def test_what_is_refused(passes, tmp_path):
 
     with pytest.raises(UserError, match="TU Delft"):
         data_folder(dataclasses.replace(DATASET), tmp_path)
+
+
+def _copied(folder, to, count=1):
+    """Copy the first passes; return their metadata."""
+    files = sorted(folder.glob("Delfi-C3_*.yml"))[:count]
+    for file in files:
+        for one in (file, file.with_suffix(".csv")):
+            (to / one.name).write_bytes(one.read_bytes())
+    return [to / file.name for file in files]
+
+
+@pytest.mark.parametrize(
+    "epoch",
+    [
+        "2020-04-01 10:44:03.290241+02:00",
+        "'2020-04-01T10:44:03.290241+02:00'",
+        "2020-04-01T08:44:03.290241Z",
+        "2020-04-01 03:14:03.290241 -05:30",
+    ],
+)
+def test_an_epoch_with_an_offset_is_honoured(recorded, tmp_path, epoch):
+    """The same instant as the recording's own naive epoch, which is UTC: the same start and satellite."""
+    folder = recorded("doptrack_delfic3")
+    (meta,) = _copied(folder, tmp_path)
+    (naive,) = read_passes(tmp_path)
+    meta.write_text(meta.read_text().replace("epoch: 2020-04-01 08:44:03.290241", f"epoch: {epoch}"))
+    assert epoch in meta.read_text()
+    (one,) = read_passes(tmp_path)
+    # a Julian date is a double: 40 us
+    assert one.start == pytest.approx(naive.start, abs=1e-9)
+    np.testing.assert_allclose(one.satellite, naive.satellite, rtol=1e-9)
+
+
+def test_files_that_cannot_belong_together_are_refused(recorded, tmp_path):
+    metas = _copied(recorded("doptrack_delfic3"), tmp_path, 2)
+    text = metas[1].read_text()
+    metas[1].write_text(text.replace("longitude: 4.37", "longitude: 5.37"))
+    with pytest.raises(UserError, match="another station"):
+        read_passes(tmp_path)
+    metas[1].write_text(text.replace("epoch: 2020-04-01 10:19:03.539592", "epoch: 2020-04-01"))
+    with pytest.raises(UserError, match="2020-04-01 is not allowed; a date with a time of day"):
+        read_passes(tmp_path)
+    metas[1].unlink()
+    with pytest.raises(UserError, match=r"ends in .yml"):
+        read_passes(tmp_path)
+
+
+def test_an_oscillator_outside_its_prior_is_told(passes):
+    """20 km/s on one pass, where the prior has 2 km/s: told with ten sigmas; without it nothing is (1.2 at most)."""
+    few = passes[4:10]
+    clean = replay_passes(few)
+    assert not clean.outside_prior and not any("prior" in line for line in clean.notes())
+    which = next(i for i, one in enumerate(few) if Selection().takes(one))
+    wrong = [dataclasses.replace(one, range_rate=one.range_rate + 20e3 * (i == which)) for i, one in enumerate(few)]
+    found = replay_passes(wrong)
+    assert set(found.outside_prior) == set(ORDERS)
+    for far in found.outside_prior.values():
+        assert len(far) == 1 and abs(far[0][0] - 10.0) < 1.5  # its own bias is 1.2 sigmas at most
+    said = [line for line in found.notes() if "outside of its prior" in line]
+    assert len(said) == len(ORDERS) and f"pass {few[which].name}: bias" in said[0] and "sigmas" in said[0]
+    assert few[which].name in found.summary()["estimators"]["bias"]["outside_prior"][0]
