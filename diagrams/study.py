@@ -105,12 +105,15 @@ class Study:
             name, variant, scenario, chosen, int(trials), int(first_trial), int(seed), keep, int(every), chunk
         )
         self.system = find_system(name)
-        self.chunk = chunk or self._fitting_chunk()
+        # Two trials tell what each trial has of its own from what all share; in one both look alike.
+        probe, _, scores = self.wire(2)
+        shapes = self._signals(probe, scores)[1]
+        self._shared = {signal for signal, (trials, _) in shapes.items() if trials == 1}
+        self.chunk = chunk or self._fitting_chunk(probe)
 
-    def _fitting_chunk(self) -> int:
+    def _fitting_chunk(self, probe: Wired) -> int:
         """Return how many trials at once keep the memory of a chunk bounded."""
-        probe, _, _ = self.wire(1)
-        floats = sum(math.prod(shape) for shape in self._signals(probe)[1].values())
+        floats = sum(size for _, size in self._signals(probe)[1].values())
         ticks = len(probe.clock.ticks(probe.duration)) / self.request.every
         fits = max(
             1, min(self.request.trials, probe.widest or _LARGEST_CHUNK, int(_CHUNK_BYTES / (8 * floats * ticks)))
@@ -243,6 +246,10 @@ class Study:
             if isinstance(options, Custom):
                 raise UserError(options.blame(name, error)) from error
 
+    def _of_trials(self, signal: str, log: Array, dims: Sequence[str]) -> tuple[tuple[str, ...], Array]:
+        """Return dimensions and values of a log (trials or 1, time, ...): the trials left out where all share it."""
+        return (tuple(dims), log[0]) if signal in self._shared else (("trial", *dims), log)
+
     @staticmethod
     def _carriers(signals: Mapping[str, Array], count: int) -> Array:
         platforms = signals["platforms"].swapaxes(0, 1)[:count]
@@ -266,18 +273,16 @@ class Study:
         truth = signals["truth"].swapaxes(0, 1)
         # The truth may have states that no estimator of this study has, and the other way round.
         missing = np.full((*truth.shape[:2], max(0, size - truth.shape[-1])), np.nan)
-        truth = np.concatenate([truth[..., :size], missing], axis=-1)
-        shared = truth.shape[0] == 1
-        carriers = self._carriers(signals, count)
+        truth = np.concatenate([truth[..., :size], missing], axis=-1)[:count]
         data: dict[str, Any] = {
-            "truth": (("time", "state"), truth[0]) if shared else (("trial", "time", "state"), truth[:count]),
+            "truth": self._of_trials("truth", truth, ("time", "state")),
             "estimate": (("estimator", "trial", "time", "state"), per_estimator("estimate", size)),
             **{
                 port: (("estimator", "trial", "time"), per_estimator(port, None)) for port in ("nees", "nis", "nis_dof")
             },
-            "platforms": (("time", "platform", "coordinate"), carriers[0])
-            if carriers.shape[0] == 1
-            else (("trial", "time", "platform", "coordinate"), carriers),
+            "platforms": self._of_trials(
+                "platforms", self._carriers(signals, count), ("time", "platform", "coordinate")
+            ),
         }
         if request.keep in ("covariance", "all"):
             square = np.full((len(names), count, len(times), size, size), np.nan)
@@ -287,12 +292,11 @@ class Study:
                 square[i, ..., :n, :n] = log.reshape(count, len(times), n, n)
             data["covariance"] = (("estimator", "trial", "time", "state", "state_"), square)
         if request.keep in ("measurements", "all"):
-            data["measurement"] = (("trial", "time", "row"), signals["measurement"].swapaxes(0, 1)[:count])
+            data["measurement"] = self._of_trials(
+                "measurement", signals["measurement"].swapaxes(0, 1)[:count], ("time", "row")
+            )
             for name in wired.signals:
-                log = signals[name].swapaxes(0, 1)[:count]
-                row = f"{name}_row"
-                alike = log.shape[0] == 1 < signals["measurement"].shape[1]  # one for all trials
-                data[name] = (("time", row), log[0]) if alike else (("trial", "time", row), log)
+                data[name] = self._of_trials(name, signals[name].swapaxes(0, 1)[:count], ("time", f"{name}_row"))
         if request.keep == "all":
             data["prediction"] = (("estimator", "trial", "time", "state"), per_estimator("prediction", size))
             rows = max(estimator.model.size for estimator in wired.estimators.values())
@@ -394,6 +398,11 @@ def run_study(
     ------
     UserError
         For whatever cannot be run, naming the field, the value and what is allowed.
+
+    Notes
+    -----
+    Drake 1.51 (Python 3.11) never lets go of a diagram that was built: a process grows by about 1 MB with every call.
+    Thousands of short studies in one process are better run on a later Drake, or as one study of many trials.
     """
     study = Study(
         system,

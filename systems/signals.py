@@ -11,6 +11,8 @@ in memory (on Drake 1.58 a cache entry whose callables hold the block keeps the 
 from __future__ import annotations
 
 import enum
+import re
+import warnings
 import weakref
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -34,6 +36,9 @@ from pydrake.systems.framework import (
 
 __all__ = ["Constant", "Draw", "EnsembleBlock", "ensemble", "leaf_systems", "set_draw"]
 
+_ADDRESS = re.compile(r"@[0-9a-f]{16}$")  # the end of the name that Drake gives to what has none
+_NOT_SET = [-1.0, -1.0]  # seed and first trial
+_NO_SEED = "seed: it was not set; seed 0 and trials from 0 on are drawn. systems.signals.set_draw sets it"
 _LARGEST_EXACT = 2**53  # seed and first trial travel as doubles
 
 
@@ -84,7 +89,8 @@ class EnsembleBlock(LeafSystem):
     Parameters
     ----------
     name : str
-        Name of the block: shown in the diagram and part of the key of its random numbers.
+        Name of the block: shown in the diagram and, with the names of the diagrams it is in, part of the key of its
+        random numbers (see `noise_name`).
     """
 
     def __init__(self, name: str) -> None:
@@ -217,14 +223,36 @@ class EnsembleBlock(LeafSystem):
         """Return the dependency ticket of input port `name`."""
         return self.input_port_ticket(self.GetInputPort(name).get_index())
 
+    def noise_name(self) -> str:
+        """Return what keys the block's random numbers: its path below the root diagram, ``INNER::NAME``.
+
+        In a diagram without inner ones that is the block's own name. Drake lets no two blocks have the same path, so
+        that two inner diagrams of the same make draw different numbers.
+
+        Raises
+        ------
+        ValueError
+            If an inner diagram has no name: Drake then makes one from its address, another in every process.
+        """
+        path = self.GetSystemPathname().split("::")[2:]  # it begins with "::ROOT"
+        if any(_ADDRESS.search(part) for part in path[:-1]):
+            raise ValueError(
+                f"{self.get_name()}: a diagram around it has no name, and its random numbers depend on that; "
+                "call set_name(...) on the inner diagram before it is added"
+            )
+        return "::".join(path) or self.get_name()
+
     def declare_draw(self) -> Any:
         """Declare the context parameter that holds seed and first trial; return its ticket."""
-        self._draw_index = self.DeclareNumericParameter(BasicVector([0.0, 0.0]))
+        self._draw_index = self.DeclareNumericParameter(BasicVector(_NOT_SET))
         return self.numeric_parameter_ticket(NumericParameterIndex(self._draw_index))
 
     def draw(self, context: Context) -> Draw:
-        """Return seed and first trial of this run."""
-        seed, first_trial = context.get_numeric_parameter(self._draw_index).value()
+        """Return seed and first trial of this run; where nobody has set them, warn, and return seed 0."""
+        seed, first_trial = context.get_numeric_parameter(self._draw_index).value().tolist()
+        if seed < 0:
+            warnings.warn(_NO_SEED, RuntimeWarning, stacklevel=1)  # one place, so that it is said once
+            return Draw()
         return Draw(int(seed), int(first_trial))
 
     def set_draw(self, context: Context, draw: Draw) -> None:

@@ -245,9 +245,9 @@ class Estimator(EnsembleBlock):
         for group, size in {**sizes, "innovation": m, "nis": 1, "nis_dof": 1, "started": 1}.items():
             self._places[group] = (slice(begin, begin + trials * size), size)
             begin += trials * size
-        initial = np.full(begin + 2, np.nan)
+        initial = np.full(begin + 3, np.nan)
         initial[self._places["started"][0]] = 0.0
-        initial[-2:] = 0.0  # holds for this time; its measurement is used
+        initial[-2:] = 0.0  # holds for this time; its measurement is used. Before them: begun at this time
         self._state = self.DeclareDiscreteState(initial)
 
         state = self.xd_ticket()
@@ -390,7 +390,14 @@ class Estimator(EnsembleBlock):
         discrete.get_mutable_value(self._state)[self._places[group][0]] = value.reshape(-1)
 
     def _initialize(self, context: Context, discrete: DiscreteValues) -> None:
-        """Start at the first instant; a start made from a measurement has then used that measurement."""
+        """Start at the first instant; a start made from a measurement has then used that measurement.
+
+        A context that has been running for a while, in a Simulator of its own now, goes on as it is.
+        """
+        state = discrete.get_mutable_value(self._state)
+        if state[-3] < context.get_time():
+            return
+        state[-3] = context.get_time()
         memory, started = self._first(context, self.read(context, "measurement"))
         self._write(discrete, memory, self._nothing(), started, context.get_time(), self.start.uses_measurement)
 

@@ -151,7 +151,7 @@ class ParticleEstimator(Estimator):
 
     def _draws(self, epoch: Epoch) -> Draws:
         """Return the random numbers of an instant; between ticks they are keyed by the time."""
-        tick, draw, name = epoch.tick, epoch.draw, self.get_name()
+        tick, draw, name = epoch.tick, epoch.draw, self.noise_name()
         if tick is None:
             name, tick = f"{name}@{epoch.time!r}", 0
         return Draws(draw.seed, name, tick, draw.first_trial + np.arange(self.wiring.trials))

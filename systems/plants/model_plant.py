@@ -73,7 +73,7 @@ class ModelPlant(EnsembleBlock):
         self._noise_roots: dict[float, Array] = {}
         default = np.broadcast_to(self.mean, (self.trials, n))
         self._x = self.DeclareDiscreteState(default.ravel())
-        self._stamp = self.DeclareDiscreteState([0.0, 0.0])  # holds for this time; the start is stored
+        self._stamp = self.DeclareDiscreteState([0.0, 0.0, np.nan])  # holds for this time; is stored; begun then
         draw = self.declare_draw()
         now = self.declare_cached("now", ModelPlant._now, {self.xd_ticket(), self.time_ticket(), draw})
         self._state = now
@@ -87,16 +87,19 @@ class ModelPlant(EnsembleBlock):
     def _first(self, context: Context) -> Array:
         draw, n = self.draw(context), self.motion.size
         # a key of its own: sample 0 of the block's name belongs to tick 0
-        z = normal(draw.seed, f"{self.get_name()}:start", draw.first_trial, self.trials, 0, n)
+        z = normal(draw.seed, f"{self.noise_name()}:start", draw.first_trial, self.trials, 0, n)
         return self.mean + _times(self._start_root, z)
 
     def _start(self, context: Context, discrete: DiscreteValues) -> None:
+        time = context.get_time()
+        if discrete.get_value(self._stamp)[2] < time:  # a context that was continued in another Simulator
+            return
         discrete.set_value(self._x, np.ravel(self._first(context)))
-        discrete.set_value(self._stamp, [context.get_time(), 1.0])
+        discrete.set_value(self._stamp, [time, 1.0, time])
 
     def _now(self, context: Context) -> Array:
-        valid_at, started = context.get_discrete_state(self._stamp).get_value()
-        if not started:
+        valid_at, started, begun = context.get_discrete_state(self._stamp).get_value()
+        if not started or context.get_time() <= begun:  # <: a context that was set back
             return self._first(context)
         x = context.get_discrete_state(self._x).get_value().reshape(self.trials, -1).copy()
         time = context.get_time()
@@ -108,7 +111,7 @@ class ModelPlant(EnsembleBlock):
         if tick is None:
             return moved
         draw = self.draw(context)
-        z = normal(draw.seed, self.get_name(), draw.first_trial, self.trials, tick, self.motion.size)
+        z = normal(draw.seed, self.noise_name(), draw.first_trial, self.trials, tick, self.motion.size)
         return moved + _times(self._noise_root(x, dt), z)
 
     def _noise_root(self, x: Array, dt: float) -> Array:
@@ -125,7 +128,8 @@ class ModelPlant(EnsembleBlock):
     def _advance(self, context: Context, discrete: DiscreteValues) -> None:
         # logs at this tick have already shown this value: it must be stored, not computed again one step on
         discrete.set_value(self._x, np.ravel(self.cached(context, self._state)))
-        discrete.set_value(self._stamp, [context.get_time(), 1.0])
+        begun = discrete.get_value(self._stamp)[2]
+        discrete.set_value(self._stamp, [context.get_time(), 1.0, begun])
 
 
 def _times(matrix: Array, vector: Array) -> Array:

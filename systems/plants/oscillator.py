@@ -87,6 +87,6 @@ class OscillatorBias(EnsembleBlock):
             if self.law.per == "sample":
                 exact = self.clock.index(time)
                 tick = max(len(self.clock.ticks(time)) - 1, 0) if exact is None else exact
-            white = normal(draw.seed, self.get_name(), draw.first_trial, self.trials, tick, 1)
+            white = normal(draw.seed, self.noise_name(), draw.first_trial, self.trials, tick, 1)
             epsilon = self.law.spread * white
         return self.law.value(time, epsilon)

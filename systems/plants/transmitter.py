@@ -34,4 +34,4 @@ class Transmitter(EnsembleBlock):
         self.declare_abstract_output("emission", self._send, {draw})
 
     def _send(self, context: Context) -> Emission:
-        return Emission(self.waveform, self.carrier, self.draw(context).seed, self.get_name())
+        return Emission(self.waveform, self.carrier, self.draw(context).seed, self.noise_name())

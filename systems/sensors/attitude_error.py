@@ -90,7 +90,7 @@ class AttitudeError(EnsembleBlock):
         """Return the rotation of a run, shape (1 or trials, 3, 3)."""
         vector = self._bias[None]
         if self._sigma.any():
-            vector = vector + self._sigma * normal(draw.seed, self.get_name(), draw.first_trial, self.trials, 0, 3)
+            vector = vector + self._sigma * normal(draw.seed, self.noise_name(), draw.first_trial, self.trials, 0, 3)
         return rotation_matrix(vector)
 
     def _calc(self, context: Context) -> Array:

@@ -111,10 +111,12 @@ class BeaconStations(EnsembleBlock):
         draw = self.draw(context)
         exact = rates + added
         if self._sigma_residual:
-            white = normal(draw.seed, f"{self.get_name()}:residual", draw.first_trial, self.trials, 0, self._platforms)
+            white = normal(
+                draw.seed, f"{self.noise_name()}:residual", draw.first_trial, self.trials, 0, self._platforms
+            )
             exact = exact + np.where(beacon, self._sigma_residual * white, 0.0)
         if self._mask is not None:
             seen = self._mask.visible(*self._geometry(context))
             exact = np.where(seen & (beacon | seen[..., self._uplink, None]), exact, np.nan)
-        white = normal(draw.seed, self.get_name(), draw.first_trial, self.trials, tick, self.model.size)
+        white = normal(draw.seed, self.noise_name(), draw.first_trial, self.trials, tick, self.model.size)
         return exact[..., self.model.stations] + self.model.sigma * white

@@ -75,6 +75,6 @@ class OffsetPrior(EnsembleBlock):
         error = np.broadcast_to(self._offset, (self.trials, self._offset.size))
         if self._random:
             draw = self.draw(context)
-            heads = uniform(draw.seed, self.get_name(), draw.first_trial, self.trials, 0, self._offset.size) < 0.5
+            heads = uniform(draw.seed, self.noise_name(), draw.first_trial, self.trials, 0, self._offset.size) < 0.5
             error = np.where(heads, -error, error)
         return np.where(self._known, self.read(context, "truth") + error, 0.0)

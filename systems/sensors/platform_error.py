@@ -56,7 +56,7 @@ class PlatformError(EnsembleBlock):
 
     def error(self, draw: Draw) -> Array:
         """Return the error of a run, shape (trials, platforms, 6)."""
-        white = normal(draw.seed, self.get_name(), draw.first_trial, self._trials, 0, 6 * self._platforms)
+        white = normal(draw.seed, self.noise_name(), draw.first_trial, self._trials, 0, 6 * self._platforms)
         return white.reshape(-1, self._platforms, 6) * self._sigmas
 
     def _calc(self, context: Context) -> Array:

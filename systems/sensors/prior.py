@@ -40,5 +40,5 @@ class PriorEstimate(EnsembleBlock):
 
     def _calc(self, context: Context) -> Array:
         draw, n = self.draw(context), self._root.shape[-1]
-        white = normal(draw.seed, self.get_name(), draw.first_trial, self._trials, 0, n)
+        white = normal(draw.seed, self.noise_name(), draw.first_trial, self._trials, 0, n)
         return self.read(context, "target") + np.einsum("ij,...j->...i", self._root, white)

@@ -83,7 +83,7 @@ class ReadingError(EnsembleBlock):
 
     def spoil(self, measured: Array, draw: Draw, tick: int) -> Array:
         """Return the spoilt measurement (trials, m) of one tick."""
-        size, name = self.model.size, self.get_name()
+        size, name = self.model.size, self.noise_name()
         who = (draw.first_trial, self.trials)
         spoilt = measured + self._bias
         if self._root.shape[1]:

@@ -159,7 +159,7 @@ class Receiver(EnsembleBlock):
         samples = self._gain * clean
         if self._sigma > 0:
             draw = self.draw(context)
-            white = normal(draw.seed, self.get_name(), draw.first_trial, self.trials, tick, 2 * self.size)
+            white = normal(draw.seed, self.noise_name(), draw.first_trial, self.trials, tick, 2 * self.size)
             white *= self._sigma / math.sqrt(2)
             samples = samples + white.view(complex)
         return IqBlock(np.broadcast_to(samples, (self.trials, self.size)), self.sample_rate, carrier, start)

@@ -109,5 +109,5 @@ class Sensor(EnsembleBlock):
             hidden = ~self._mask.visible(target, platforms)
             if hidden.any():
                 exact = np.where((self._needs & hidden[..., None, :]).any(axis=-1), np.nan, exact)
-        white = normal(draw.seed, self.get_name(), draw.first_trial, self.trials, tick, self.model.size)
+        white = normal(draw.seed, self.noise_name(), draw.first_trial, self.trials, tick, self.model.size)
         return self.model.represent(exact + np.einsum("ij,...j->...i", self._root, white))
