@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +13,48 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from systems.ambiguity.differences import Flag, Window
 from systems.ambiguity.estimate import CrossAmbiguity
-from systems.clocks import Periodic
+from systems.clocks import Clock, Periodic, Times
 from systems.iq.block import IqBlock
 from systems.recorder import Recorder
 from systems.sensors.cross_ambiguity import QUALITY, CrossAmbiguitySensor
 from systems.sensors.recorded_iq import RecordedIq
 
-__all__ = ["PairResult", "Pairs", "add_pairs", "pair_result", "simulate"]
+__all__ = ["PairResult", "Pairs", "Piece", "add_pairs", "pair_result", "pieces", "simulate"]
 
 Array = NDArray[np.float64]
+
+
+class Piece(NamedTuple):
+    """A time that all recordings have in common without a gap: from, to [s], and the part of each recording."""
+
+    begin: float
+    end: float
+    parts: tuple[IqBlock, ...]
+
+    @property
+    def duration(self) -> float:
+        """How long it is [s]."""
+        return self.end - self.begin
+
+
+def pieces(recordings: Sequence[Sequence[IqBlock]]) -> list[Piece]:
+    """Return what recordings have in common, in the order of time.
+
+    Parameters
+    ----------
+    recordings : sequence of sequence of IqBlock
+        The parts of each recording, which do not overlap.
+    """
+    found = [Piece(-np.inf, np.inf, ())]
+    for parts in recordings:
+        found = [
+            Piece(begin, end, (*piece.parts, part))
+            for piece in found
+            for part in parts
+            if (begin := max(piece.begin, float(part.start_time[0])))
+            < (end := min(piece.end, float(part.start_time[0]) + part.size / part.sample_rate))
+        ]
+    return sorted(found, key=lambda piece: piece.begin)
 
 
 @dataclass(frozen=True)
@@ -31,15 +65,18 @@ class Pairs:
     ----------
     sensors : mapping of (int, int) to CrossAmbiguitySensor
         By pair: main receiver, auxiliary receiver.
-    clock : Periodic
+    clock : Clock
         The middle of each window.
     end : float
         The last of them [s].
+    short : int
+        Pieces in common that are shorter than the integration time.
     """
 
     sensors: Mapping[tuple[int, int], CrossAmbiguitySensor]
-    clock: Periodic
+    clock: Clock
     end: float
+    short: int = 0
 
     def ports(self) -> dict[str, object]:
         """Return what is worth recording, by name."""
@@ -52,7 +89,7 @@ class Pairs:
 
 def add_pairs(
     builder: DiagramBuilder,
-    recordings: Mapping[str, IqBlock],
+    recordings: Mapping[str, Sequence[IqBlock]],
     pairs: Sequence[tuple[int, int]],
     function: CrossAmbiguity,
     window: Window,
@@ -65,8 +102,9 @@ def add_pairs(
     ----------
     builder : DiagramBuilder
         The diagram under construction.
-    recordings : mapping of str to IqBlock
-        By the receiver's name; of one sample rate, in one time, beginning at 0 or later.
+    recordings : mapping of str to sequence of IqBlock
+        By the receiver's name; of one sample rate, in one time, beginning at 0 or later. Several parts where a
+        recording has gaps: what is compared lies in one part of each.
     pairs : sequence of (int, int)
         Main and auxiliary receiver, by their places in `recordings`.
     function : CrossAmbiguity
@@ -84,20 +122,31 @@ def add_pairs(
         If the recordings have not even one integration time in common.
     """
     blocks = list(recordings.values())
-    rate = blocks[0].sample_rate
+    rate = blocks[0][0].sample_rate
     samples = round(length * rate)
     margin = int(np.ceil(np.max(np.abs(window.delay) + np.asarray(window.half_delay)) * rate)) + 8
-    begin = max(block.start_time[0] for block in blocks)
-    end = min(block.start_time[0] + block.size / rate for block in blocks)
-    # as much before the first as the auxiliary receivers need, but a short recording is not lost for that
-    spare = min(margin / rate, max(0.0, 0.5 * (end - begin - length)))
-    count = int(np.floor((end - begin - length - 2 * spare) / every + 1e-9)) + 1
-    if samples < 64 or count < 1 or end - begin < length:
+    common = pieces(blocks)
+    # as much before the first as the auxiliary receivers need, but a short piece is not lost for that
+    spare = [min(margin / rate, max(0.0, 0.5 * (piece.duration - length))) for piece in common]
+    counts = [
+        int(np.floor((piece.duration - length - 2 * less) / every + 1e-9)) + 1 if piece.duration >= length else 0
+        for piece, less in zip(common, spare, strict=True)
+    ]
+    if samples < 64 or not any(counts):
+        longest = max((piece.duration for piece in common), default=0.0)
         raise ValueError(
-            f"recordings: {max(end - begin, 0.0):.4g} s in common are not allowed; at least the {length:.4g} s that "
+            f"recordings: {longest:.4g} s in common are not allowed; at least the {length:.4g} s that "
             "are integrated, and 64 samples"
         )
-    clock = Periodic(every, begin + spare + 0.5 * length)
+    used = [
+        (Periodic(every, piece.begin + less + 0.5 * length), count)
+        for piece, less, count in zip(common, spare, counts, strict=True)
+        if count
+    ]
+    ends = [one.offset + (count - 1) * every for one, count in used]
+    clock: Clock = used[0][0]
+    if len(used) > 1:
+        clock = Times(np.concatenate([one.ticks(end)[:count] for (one, count), end in zip(used, ends, strict=True)]))
     sources: dict[tuple[int, int], RecordedIq] = {}
     names = list(recordings)
     sensors = {}
@@ -111,7 +160,7 @@ def add_pairs(
                 sources[which, extra] = builder.AddSystem(RecordedIq(blocks[which], clock, samples, extra, name))
             builder.Connect(sources[which, extra].GetOutputPort("iq"), sensor.GetInputPort(port))
         sensors[i, j] = sensor
-    return Pairs(sensors, clock, clock.offset + (count - 1) * every)
+    return Pairs(sensors, clock, ends[-1], counts.count(0))
 
 
 def simulate(diagram: Diagram, recorder: Recorder, end: float) -> tuple[Array, dict[str, Array]]:

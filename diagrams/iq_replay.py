@@ -15,7 +15,7 @@ from pydrake.systems.framework import DiagramBuilder
 from rich.table import Table
 
 from diagrams.errors import UserError
-from diagrams.iq_pairs import PairResult, add_pairs, pair_result, simulate
+from diagrams.iq_pairs import PairResult, Piece, add_pairs, pair_result, pieces, simulate
 from diagrams.iq_settings import Settings
 from diagrams.replay import Dataset
 from diagrams.sigmf_file import IqRecording, read_sigmf
@@ -28,8 +28,8 @@ __all__ = ["DATASET", "IqReplay", "Settings", "compare"]
 Array = NDArray[np.float64]
 
 
-def _blocks(recordings: Sequence[IqRecording]) -> tuple[dict[str, IqBlock], bool]:
-    """Return blocks by name in the time since the first sample of all, and whether the files say when they begin."""
+def _blocks(recordings: Sequence[IqRecording]) -> tuple[dict[str, list[IqBlock]], bool]:
+    """Return parts by name in the time since the first sample of all, and whether the files say when they begin."""
     rates = {one.sample_rate for one in recordings}
     if len(rates) > 1:
         text = ", ".join(f"{one.name} {one.sample_rate:.10g} Hz" for one in recordings)
@@ -40,18 +40,20 @@ def _blocks(recordings: Sequence[IqRecording]) -> tuple[dict[str, IqBlock], bool
         silent = next(one.name for one in recordings if one.start is None)
         raise UserError(f"FILE: {silent} does not say when it begins (core:datetime); all recordings must, or none")
     first = min(dated, default=(0, 0.0))
-    blocks: dict[str, IqBlock] = {}
+    blocks: dict[str, list[IqBlock]] = {}
     for i, one in enumerate(recordings):
         # whole seconds apart, so that no digit of the fractions is lost
         begin = 0.0 if one.start is None else (one.start[0] - first[0]) + (one.start[1] - first[1])
         name = one.name if one.name not in blocks else f"{one.name} ({i + 1})"
-        blocks[name] = IqBlock(one.samples, one.sample_rate, one.frequency, begin)
+        blocks[name] = [
+            IqBlock(part.samples, one.sample_rate, part.frequency, begin + part.begin) for part in one.segments
+        ]
     return blocks, bool(dated)
 
 
-def _check(blocks: Sequence[IqBlock], settings: Settings, every: float, shared: float) -> None:
+def _check(common: Sequence[Piece], settings: Settings, every: float, shared: float) -> None:
     """Raise UserError if a setting does not fit the recordings."""
-    rate = blocks[0].sample_rate
+    rate = common[0].parts[0].sample_rate
     if every * rate < 1:
         raise UserError(f"every_s: {every:g} is not allowed; at least a sample of the recordings, {1 / rate:.4g} s")
     if 1e-6 * settings.half_delay_us > shared:
@@ -59,8 +61,7 @@ def _check(blocks: Sequence[IqBlock], settings: Settings, every: float, shared: 
             f"half_delay_us: {settings.half_delay_us:g} is not allowed; at most the {1e6 * shared:.6g} us that the "
             "recordings have in common"
         )
-    for block in blocks[1:]:
-        tuned = block.centre_frequency - blocks[0].centre_frequency
+    for tuned in {part.centre_frequency - piece.parts[0].centre_frequency for piece in common for part in piece.parts}:
         # what is received at one frequency lies that far apart in the samples; beyond the rate it is another's alias
         if not abs(settings.frequency_hz - tuned) < rate:
             raise UserError(
@@ -97,13 +98,13 @@ def compare(recordings: Sequence[IqRecording], settings: Settings | None = None)
     if len(recordings) < 2:
         raise UserError(f"FILE: {len(recordings)} recording(s) are not allowed; two or more are compared")
     blocks, dated = _blocks(recordings)
-    begin = max(block.start_time[0] for block in blocks.values())
-    shared = min(block.start_time[0] + block.duration for block in blocks.values()) - begin
-    if shared <= 0:
+    common = pieces(list(blocks.values()))
+    if not common:
         raise UserError("FILE: the recordings have no time in common; they must overlap (core:datetime)")
+    shared = max(piece.duration for piece in common)
     length = settings.integration_s or min(0.1, shared / 16)
     every = settings.every_s or length
-    _check(list(blocks.values()), settings, every, shared)
+    _check(common, settings, every, shared)
     try:
         function = CrossAmbiguity(prefilter=settings.prefilter, confidence=settings.confidence, follow_rate=False)
         builder = DiagramBuilder()
@@ -114,7 +115,27 @@ def compare(recordings: Sequence[IqRecording], settings: Settings | None = None)
     recorder = record(builder, compared.ports(), compared.clock)
     times, logs = simulate(builder.Build(), recorder, compared.end)
     names = list(blocks)
-    return IqReplay(settings, dated, length, times, [pair_result(names, pair, logs) for pair in pairs])
+    results = [pair_result(names, pair, logs) for pair in pairs]
+    return IqReplay(settings, dated, length, times, results, _gaps(recordings, blocks, common, compared.short))
+
+
+def _gaps(
+    recordings: Sequence[IqRecording], blocks: Mapping[str, Sequence[IqBlock]], common: Sequence[Piece], short: int
+) -> list[str]:
+    """Return what of the recordings was not compared, in words."""
+    lines = []
+    for one, (name, parts) in zip(recordings, blocks.items(), strict=True):
+        if one.unclaimed:
+            lines.append(f"{name}: {one.unclaimed} samples before its first capture are left out")
+        if len(parts) > 1:
+            begins, ends = (np.array([p.start_time[0] + k * p.duration for p in parts]) for k in (0, 1))
+            missing = float(np.maximum(begins[1:] - ends[:-1], 0.0).sum())
+            lines.append(f"{name}: {len(parts)} captures that do not follow each other, {missing:.6g} s between them")
+    if len(common) > 1:
+        total = sum(piece.duration for piece in common)
+        too_short = f"; {short} of them are shorter than a comparison, and left out" if short else ""
+        lines.append(f"the recordings have {total:.6g} s in common, in {len(common)} pieces{too_short}")
+    return lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +153,8 @@ class IqReplay:
         Middle of each comparison at the first receiver, since the first sample of all [s].
     pairs : list of PairResult
         Each recording against the first.
+    gaps : list of str
+        What of the recordings was not compared, in words.
     """
 
     settings: Settings
@@ -139,6 +162,7 @@ class IqReplay:
     length: float
     times: Array
     pairs: list[PairResult] = field(default_factory=list)
+    gaps: list[str] = field(default_factory=list)
 
     def table(self) -> Table:
         """See `Replay.table`."""
@@ -168,6 +192,7 @@ class IqReplay:
         lines = ["differences: that recording minus the first; medians over time"]
         if not self.dated:
             lines.append("the files do not say when they begin (core:datetime); they were taken to begin together")
+        lines += self.gaps
         lines += [f"{pair.auxiliary}: flagged: {reasons}" for pair in self.pairs if (reasons := pair.reasons())]
         return lines
 
@@ -176,6 +201,7 @@ class IqReplay:
         return {
             "integration_s": self.length,
             "settings": vars(self.settings),
+            "gaps": self.gaps,
             "time_s": self.times.tolist(),
             "pairs": {
                 f"{pair.auxiliary} - {pair.main}": {
@@ -219,15 +245,15 @@ def _listed(values: Array) -> list[float | None]:
 
 
 def _run(files: Sequence[Path], progress: bool, settings: Settings) -> IqReplay:
-    return compare([read_sigmf(file) for file in files], settings)
+    return compare([one for file in files for one in read_sigmf(file)], settings)
 
 
 DATASET = Dataset(
     name="iq",
     folder="",
-    source="SigMF recordings of your own (https://sigmf.org), of one sample rate",
+    source="two or more SigMF recordings of your own (https://sigmf.org), of one sample rate",
     run=_run,
     takes_file=True,
-    least_files=2,
+    several_files=True,
     settings=Settings,
 )

@@ -183,14 +183,14 @@ def locate(data: KiwiData, settings: Settings | None = None) -> KiwiReplay:
         blocks, _ = common_base(data.recordings, settings.sample_rate_hz, settings.carrier_hz)
         pairs = list(combinations(range(len(blocks)), 2))
         builder = DiagramBuilder()
-        streams = dict(zip(data.names, blocks, strict=True))
+        streams = {name: [block] for name, block in zip(data.names, blocks, strict=True)}
         length = settings.integration_s
         compared = add_pairs(builder, streams, pairs, settings.function, settings.window, length, length)
     except ValueError as error:
         raise UserError(f"kiwisdr: {error}") from error
 
     used = [pair for pair in pairs if pair[0] == 0]
-    epochs = round((compared.end - compared.clock.offset) / length) + 1
+    epochs = compared.clock.ticks(compared.end).size
     # what is known of the altitude is spread over all epochs: in the whole it is known once
     altitude = Altitude(settings.sigma_altitude_m * math.sqrt(epochs))
     model = Stack([Tdoa(1e-6, [j for _, j in used]), altitude])

@@ -72,8 +72,8 @@ class Dataset:
         ``run(folder, progress) -> Replay``; `progress` shows a bar where that is wanted.
     takes_file : bool
         True: a file of the user's own is replayed, and `run` gets it instead of a folder.
-    least_files : int
-        More than 1: so many files are needed, and `run` gets a list of them.
+    several_files : bool
+        True: there may be any number of files, and `run` gets a list of them.
     settings : type, optional
         A dataclass whose fields ``--set`` changes; `run` then gets one of it as a third argument.
     """
@@ -83,7 +83,7 @@ class Dataset:
     source: str
     run: Callable[..., Replay]
     takes_file: bool = False
-    least_files: int = 1
+    several_files: bool = False
     settings: type[Any] | None = None
 
 
@@ -171,10 +171,9 @@ def replay(
 def _own_files(dataset: Dataset, files: list[Path]) -> Path | list[Path]:
     if not dataset.takes_file:
         raise UserError(f"FILE: {files[0]} is not allowed for {dataset.name}; its recording is in the data folder")
-    if len(files) < dataset.least_files:
-        missing = "it is missing" if not files else f"{len(files)} is not enough; {dataset.least_files} or more"
-        raise UserError(f"FILE: {missing}; {dataset.name} replays {dataset.source}")
-    if dataset.least_files > 1:
+    if not files:
+        raise UserError(f"FILE: it is missing; {dataset.name} replays {dataset.source}")
+    if dataset.several_files:
         return files
     if len(files) > 1:
         raise UserError(f"FILE: {len(files)} files are not allowed for {dataset.name}; one")

@@ -2,20 +2,47 @@
 
 from __future__ import annotations
 
+import io
 import json
-import math
+import lzma
+import tarfile
 import warnings
+import zipfile
+import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.errors import UserError
-from diagrams.instants import instant
+from diagrams.sigmf_captures import captures_of, finite, parts_of, whole
 
-__all__ = ["IqRecording", "read_sigmf"]
+__all__ = ["IqRecording", "Segment", "read_sigmf"]
+
+_META, _DATA = ".sigmf-meta", ".sigmf-data"
+_ARCHIVES = (".sigmf", ".sigmf.gz", ".sigmf.xz", ".sigmf.zip")
+_COUNTED_HERE = "Data source ends before the final annotation"  # what `captures_of` looks at with the offset in mind
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """Samples without a gap.
+
+    Attributes
+    ----------
+    samples : ndarray of complex64, shape (n,)
+    frequency : float
+        To which the receiver was tuned [Hz]; 0 where the file does not say.
+    begin : float
+        Since the first sample of the recording [s].
+    """
+
+    samples: NDArray[np.complex64]
+    frequency: float
+    begin: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,30 +52,36 @@ class IqRecording:
     Attributes
     ----------
     name : str
-        Name of the file without its ending.
-    samples : ndarray of complex64, shape (n,)
+        Name of the recording without its ending.
     sample_rate : float
         [Hz]
-    frequency : float
-        To which the receiver was tuned [Hz]; 0 where the file does not say.
+    segments : tuple of Segment
+        One or more; captures that follow each other without a gap at one frequency are one segment.
     start : (int, float) or None
         UTC of the first sample: whole seconds since 1970, and the rest [s]; None where the file does not say.
+    unclaimed : int
+        Samples before the first capture, which says nothing of them: they are left out.
     """
 
     name: str
-    samples: NDArray[np.complex64]
     sample_rate: float
-    frequency: float
+    segments: tuple[Segment, ...]
     start: tuple[int, float] | None
+    unclaimed: int = 0
 
 
-def read_sigmf(path: Path | str) -> IqRecording:
-    """Read a recording of one channel; of several captures the first one.
+def read_sigmf(path: Path | str) -> list[IqRecording]:
+    """Read a recording of one channel, or all those of an archive, with all of their captures.
 
     Parameters
     ----------
     path : path
-        ``.sigmf-meta``, ``.sigmf-data`` or an archive ``.sigmf``.
+        ``.sigmf-meta``, ``.sigmf-data`` or an archive ``.sigmf`` (also ``.gz``, ``.xz``, ``.zip``).
+
+    Returns
+    -------
+    list of IqRecording
+        Of an archive in the order of their names.
 
     Raises
     ------
@@ -61,73 +94,123 @@ def read_sigmf(path: Path | str) -> IqRecording:
 
     file = Path(path)
     try:
+        archive = _archive(file)
+        if archive is not None:
+            return _unpacked(archive)
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             recording = sigmf.fromfile(str(file))
-            if not isinstance(recording, sigmf.SigMFFile):
-                raise UserError(f"FILE: {file} is a collection; name its recordings one by one")
-            if recording.data_file is None and recording.sample_count == 0:
-                raise UserError(f"FILE: {file}: its data are missing; a file beside it that ends in .sigmf-data")
-            if said:
-                raise UserError(f"FILE: {file}: its data are cut off or broken ({said[0].message})")
-            return _content(file, recording)
+        if not isinstance(recording, sigmf.SigMFFile):
+            raise UserError(f"FILE: {file} is a collection; name its recordings one by one")
+        name = file.name.removesuffix(file.suffix) if file.suffix.startswith(".sigmf") else file.name
+        return [_content(str(file), name, recording, said)]
     except UserError:
         raise
-    except (OSError, SigMFError, ValueError, KeyError, TypeError, json.JSONDecodeError) as error:
+    except (
+        OSError,
+        SigMFError,
+        ValueError,
+        KeyError,
+        TypeError,
+        json.JSONDecodeError,
+        tarfile.TarError,
+        zipfile.BadZipFile,
+        zlib.error,
+        lzma.LZMAError,
+        EOFError,
+    ) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
         if "hash" in reason:
             raise UserError(f"FILE: {file}: its data are cut off or changed (core:sha512 is that of others)") from error
         raise UserError(f"FILE: {file} cannot be read as a SigMF recording ({reason})") from error
 
 
-def _content(file: Path, recording: Any) -> IqRecording:
+def _archive(file: Path) -> Path | None:
+    """Return the archive that is meant, None where a recording of its own is."""
+    from sigmf.sigmffile import get_sigmf_filenames
+
+    if file.name.lower().endswith(_ARCHIVES) and file.is_file():
+        return file
+    names = get_sigmf_filenames(file)
+    archive = Path(names["archive_fn"])
+    return archive if not Path(names["meta_fn"]).is_file() and archive.is_file() else None
+
+
+def _members(archive: Path) -> dict[str, bytes]:
+    """Return the files in an archive by their names."""
+    if zipfile.is_zipfile(archive):
+        with zipfile.ZipFile(archive) as packed:
+            return {name: packed.read(name) for name in packed.namelist() if not name.endswith("/")}
+    found = {}
+    with tarfile.open(archive) as tar:
+        for member in tar.getmembers():
+            stream = tar.extractfile(member) if member.isfile() else None
+            if stream is not None:
+                found[member.name] = stream.read()
+    return found
+
+
+def _unpacked(archive: Path) -> list[IqRecording]:
+    """Return all recordings of an archive; the package reads but one of them."""
+    import sigmf
+
+    members = _members(archive)
+    metas = sorted(name for name in members if name.endswith(_META))
+    if not metas:
+        raise UserError(f"FILE: {archive} holds no recording; a file that ends in {_META} is needed")
+    recordings, used = [], set()
+    for meta in metas:
+        path = PurePosixPath(meta)
+        where = f"{archive}, {path.name}"
+        recording = sigmf.SigMFFile(metadata=members[meta])
+        recording.validate()
+        own = recording.get_global_info().get("core:dataset")
+        data = str(path.with_name(own) if own else path.with_suffix(_DATA))
+        if data not in members:
+            raise UserError(f"FILE: {where}: its data are missing; {PurePosixPath(data).name} beside it")
+        used.add(data)
+        captures = recording.get_captures()
+        header = int(captures[0].get("core:header_bytes", 0)) if captures else 0
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            recording.set_data_file(data_buffer=io.BytesIO(members[data]), offset=header)
+        recordings.append(_content(where, path.name.removesuffix(_META), recording, said))
+    lonely = sorted(name for name in members if name.endswith(_DATA) and name not in used)
+    if lonely:
+        raise UserError(f"FILE: {archive}: {lonely[0]} has no file beside it that ends in {_META}")
+    return recordings
+
+
+def _content(where: str, name: str, recording: Any, said: Sequence[warnings.WarningMessage]) -> IqRecording:
+    """Return a recording; `where` is what an error calls it, `said` what the package warned of."""
+    if recording.data_file is None and recording.data_buffer is None:
+        raise UserError(f"FILE: {where}: its data are missing; a file beside it that ends in {_DATA}")
+    told = [str(one.message) for one in said if not str(one.message).startswith(_COUNTED_HERE)]
+    if told:
+        raise UserError(f"FILE: {where}: its data are cut off or broken ({told[0]})")
     info = recording.get_global_info()
     if not recording.is_complex_data or int(info.get("core:num_channels", 1)) != 1:
         raise UserError(
-            f"FILE: {file}: core:datatype {info.get('core:datatype')} with {info.get('core:num_channels', 1)} "
+            f"FILE: {where}: core:datatype {info.get('core:datatype')} with {info.get('core:num_channels', 1)} "
             "channel(s) is not allowed; complex samples of one channel"
         )
-    rate = _number(file, "core:sample_rate", info.get("core:sample_rate"))
-    if not rate > 0:
-        raise UserError(f"FILE: {file}: core:sample_rate {rate:g} is not allowed; a number > 0 Hz")
-    count = int(recording.sample_count)
-    captures = recording.get_captures() or [{}]
-    begins = [int(capture.get("core:sample_start", 0)) for capture in captures]
-    claimed = max(
-        [
-            *begins,
-            *(int(a["core:sample_start"]) + int(a.get("core:sample_count", 0)) for a in recording.get_annotations()),
-        ]
-    )
-    if claimed > count or count == 0:
-        raise UserError(
-            f"FILE: {file}: its data are cut off: {count} samples, where its metadata speak of {max(claimed, 1)}"
+    try:
+        rate = finite("core:sample_rate", info.get("core:sample_rate"))
+        if not rate > 0:
+            raise ValueError(f"core:sample_rate {rate:g} is not allowed; a number > 0 Hz")
+        captures = captures_of(
+            recording.get_captures(),
+            recording.get_annotations(),
+            whole("core:offset", info.get("core:offset", 0)),
+            int(recording.sample_count),
         )
-    first, end = begins[0], begins[1] if len(begins) > 1 else count
-    frequency = captures[0].get("core:frequency")
-    stamp = captures[0].get("core:datetime")
-    samples = np.asarray(recording.read_samples(first, end - first), dtype=np.complex64)
-    return IqRecording(
-        file.name.removesuffix(file.suffix) if file.suffix.startswith(".sigmf") else file.name,
-        samples,
-        rate,
-        0.0 if frequency is None else _number(file, "core:frequency", frequency),
-        None if stamp is None else _instant(file, str(stamp)),
-    )
-
-
-def _number(file: Path, key: str, value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise UserError(f"FILE: {file}: {key}: {value} is not allowed; a finite number")
-    return number
-
-
-def _instant(file: Path, text: str) -> tuple[int, float]:
-    try:
-        return instant(text)
+        parts, start = parts_of(captures, rate)
     except ValueError as error:
-        raise UserError(f"FILE: {file}: core:datetime: {error}") from error
+        raise UserError(f"FILE: {where}: {error}") from error
+    segments = tuple(
+        Segment(
+            np.asarray(recording.read_samples(part.first, part.count), dtype=np.complex64), part.frequency, part.begin
+        )
+        for part in parts
+    )
+    return IqRecording(name, rate, segments, start, parts[0].first)

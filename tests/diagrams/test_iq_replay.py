@@ -100,20 +100,20 @@ def test_times_of_the_files_count(tmp_path, signals):
     later = heard(DELAYS[1], FREQUENCIES[1], np.random.default_rng(3), start=1.5e-3)
     one = write(tmp_path, "one", signals[0], stamp="2026-03-01T12:00:00.9990000001Z")
     two = write(tmp_path, "two", later, stamp="2026-03-01T13:00:01.0005000001+01:00")
-    result = compare([read_sigmf(one), read_sigmf(two)], Settings(integration_s=0.05))
+    result = compare([*read_sigmf(one), *read_sigmf(two)], Settings(integration_s=0.05))
     assert result.dated and result.pairs[0].good.all()
     assert_allclose(result.pairs[0].tdoa, DELAYS[1], atol=0.3e-6)
 
 
 def test_a_window_beside_the_peak_gives_nothing(files):
-    result = compare([read_sigmf(f) for f in files[:2]], Settings(0.05, half_frequency_hz=10.0))
+    result = compare([read_sigmf(f)[0] for f in files[:2]], Settings(0.05, half_frequency_hz=10.0))
     assert not result.pairs[0].good.any() and "edge" in result.notes()[-1]
     assert "0 of" in next(iter(result.table().columns[-1].cells))
     json.dumps(result.summary(), allow_nan=False)
 
 
 def test_a_band(files):
-    result = compare([read_sigmf(f) for f in files[:2]], Settings(0.05, low_hz=-40e3, high_hz=30e3, notch_hz=100.0))
+    result = compare([read_sigmf(f)[0] for f in files[:2]], Settings(0.05, low_hz=-40e3, high_hz=30e3, notch_hz=100.0))
     assert result.pairs[0].good.all()
     assert_allclose(result.pairs[0].tdoa, DELAYS[1], atol=2e-6)
 
@@ -121,7 +121,9 @@ def test_a_band(files):
 def test_an_archive(tmp_path, files):
     recording = sigmf.fromfile(str(files[0]))
     recording.archive(name=str(tmp_path / "packed.sigmf"))
-    assert_allclose(read_sigmf(tmp_path / "packed.sigmf").samples, read_sigmf(files[0]).samples)
+    (packed,), (alone,) = read_sigmf(tmp_path / "packed.sigmf"), read_sigmf(files[0])
+    assert packed.name == "packed" and packed.start is None
+    assert_allclose(packed.segments[0].samples, alone.segments[0].samples)
 
 
 def refused(capsys, arguments):
@@ -175,7 +177,7 @@ def test_what_does_not_fit(tmp_path, signals, files, capsys):
 
 
 def test_what_is_no_recording(tmp_path, signals, files, capsys):
-    assert "FILE: 1 is not enough; 2 or more" in refused(capsys, files[:1])
+    assert "FILE: 1 recording(s) are not allowed; two or more" in refused(capsys, files[:1])
     assert "FILE: it is missing" in refused(capsys, [])
     assert "nowhere.sigmf-meta cannot be read" in refused(capsys, [files[0], tmp_path / "nowhere.sigmf-meta"])
     broken = tmp_path / "broken.sigmf-meta"
