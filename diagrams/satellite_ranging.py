@@ -303,6 +303,14 @@ def recorded_orbit(scenario: Scenario) -> tuple[Array, Array]:
             f"target.start_s: {target.start_s:g} is not allowed; {times[-1]:g} s of the record are left, duration_s is "
             f"{scenario.duration_s:g}"
         )
+    needed = times < scenario.duration_s
+    needed[np.count_nonzero(needed)] = True
+    absent = np.flatnonzero(needed & ~np.isfinite(states).all(axis=-1))
+    if absent.size:
+        raise UserError(
+            f"target.start_s: {target.start_s:g} is not allowed with duration_s {scenario.duration_s:g}; the record "
+            f"has no position, or no velocity to be trusted, {times[absent[0]]:g} s after the start"
+        )
     return times, states
 
 

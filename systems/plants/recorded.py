@@ -6,11 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
+from systems.motion.polynomial import polynomial_states
 from systems.signals import EnsembleBlock
 
 __all__ = ["RecordedTruth", "hermite"]
 
 Array = NDArray[np.float64]
+
+_ORDER = 4  # of the polynomials that give velocities: a log has noise, which higher orders amplify
 
 
 def hermite(times: Array, states: Array, time: float) -> tuple[Array, Array]:
@@ -52,6 +55,18 @@ def hermite(times: Array, states: Array, time: float) -> tuple[Array, Array]:
     return np.concatenate([position, velocity], axis=-1), (2 * a2 + 6 * s * a3) / h
 
 
+def _with_velocities(times: Array, positions: Array) -> Array:
+    """Return states (samples, trials, 6) of positions; NaN where fewer than two of a trial are in a row."""
+    states = np.concatenate([positions, np.empty_like(positions)], axis=-1)
+    whole = np.isfinite(positions).all(axis=(0, -1))
+    alike = [np.flatnonzero(whole), *np.flatnonzero(~whole)[:, None]]  # gaps are each trial's own
+    for trials in alike:
+        flat = positions[:, trials].reshape(times.size, -1)
+        found = polynomial_states(times, flat, times, _ORDER, fewest=2)[:, flat.shape[1] :]
+        states[:, trials, 3:] = found.reshape(times.size, trials.size, 3)
+    return states
+
+
 class RecordedTruth(EnsembleBlock):
     """Truth interpolated from a record, for example a navigation log or an aircraft's own reports.
 
@@ -63,8 +78,10 @@ class RecordedTruth(EnsembleBlock):
     times : array_like, shape (samples,)
         Strictly increasing [s], at least two.
     states : array_like, shape (samples, size) or (samples, trials, size)
-        ``size`` 6: position and velocity. ``size`` 3: position alone; the velocity is then the central
-        difference of the neighbours. A NaN sample leaves a gap in its trial.
+        ``size`` 6: position and velocity. ``size`` 3: position alone; the velocity is then that of the polynomial
+        of order 4 through the five nearest samples, off by h^4/30 times the fifth derivative of the motion, and by
+        h^4/5 times it at the ends (an orbit wants more: see `systems.plants.sp3`). A NaN sample leaves a gap in its
+        trial.
     name : str
         Name of the block.
 
@@ -92,7 +109,7 @@ class RecordedTruth(EnsembleBlock):
                 f"({t.size}, trials, 6), or the same with 3"
             )
         if x.shape[2] == 3:
-            x = np.concatenate([x, np.gradient(x, t, axis=0, edge_order=1 if t.size == 2 else 2)], axis=-1)
+            x = _with_velocities(t, x)
         t.setflags(write=False)
         x.setflags(write=False)
         self.times, self.states = t, x

@@ -81,6 +81,28 @@ def test_positions_alone():
     np.testing.assert_allclose(acceleration[0], [0, 4, -2], atol=1e-11)
 
 
+def test_velocities_of_positions_alone_are_of_fourth_order():
+    """Off by h^4/30 x^(5) inside and h^4/5 x^(5) at the ends, with a tenth more for the terms that follow."""
+    for step in (0.5, 0.25):
+        t = np.arange(0, 20 + step / 2, step)
+        p = np.stack([np.sin(t), np.cos(t), 0 * t], axis=-1)
+        off = np.abs(RecordedTruth(t, p).states[:, 0, 3:] - np.stack([np.cos(t), -np.sin(t), 0 * t], axis=-1))
+        assert off[2:-2].max() < 1.1 * step**4 / 30 and 0.3 * step**4 / 5 < off.max() < 1.1 * step**4 / 5
+
+
+def test_a_gap_in_positions_alone_stays_in_its_trial():
+    t = np.arange(12.0)
+    p = np.stack([t**2, t, 0 * t], axis=-1)
+    p = np.stack([p, p + 5, p], axis=1)
+    p[6, 1] = np.nan
+    states = RecordedTruth(t, p).states
+    want = np.stack([2 * t, 1 + 0 * t, 0 * t], axis=-1)
+    for trial in (0, 2):
+        np.testing.assert_allclose(states[:, trial, 3:], want, atol=1e-12)
+    np.testing.assert_allclose(np.delete(states[:, 1, 3:], 6, axis=0), np.delete(want, 6, axis=0), atol=1e-12)
+    assert np.isnan(states[6, 1]).all()
+
+
 @pytest.mark.parametrize(
     ("times", "states", "message"),
     [
