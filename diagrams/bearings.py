@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from rich.table import Table
 
 from diagrams.bearings_file import Bearings, read_bearings
 from diagrams.figures.style import grid, new_figure, save
 from diagrams.replay import Dataset
+from diagrams.tables import Column, Table
 from systems.estimators.base import Estimator, Wiring
 from systems.estimators.bearing_start import BearingStart
 from systems.estimators.crossing import Crossing
@@ -118,18 +118,15 @@ class BearingsReplay:
 
     def table(self) -> Table:
         """See `Replay.table`."""
-        table = Table(title=f"{len(self.bearings.azimuth)} bearings")
-        table.add_column("fix")
         geodetic = self.bearings.origin is not None
-        for head in ("latitude, deg", "longitude, deg") if geodetic else ("x, m", "y, m"):
-            table.add_column(head, justify="right")
-        for head in ("sigma x, m", "sigma y, m", "correlation"):
-            table.add_column(head, justify="right")
+        place = ("latitude, deg", "longitude, deg") if geodetic else ("x, m", "y, m")
+        heads = (Column("fix"), *place, "sigma x, m", "sigma y, m", "correlation")
+        table = Table(f"{len(self.bearings.azimuth)} bearings", heads)
         for name, (position, covariance) in self.fixes().items():
             sx, sy, correlation = _spread(covariance)
-            place = self.bearings.degrees(position) if geodetic else position
-            shown = (f"{v:.6f}" if geodetic else f"{v:.1f}" for v in place)
-            table.add_row(name, *shown, f"{sx:.1f}", f"{sy:.1f}", f"{correlation:.2f}")
+            coordinates = self.bearings.degrees(position) if geodetic else position
+            shown = (f"{v:.6f}" if geodetic else f"{v:.1f}" for v in coordinates)
+            table.add(name, *shown, f"{sx:.1f}", f"{sy:.1f}", f"{correlation:.2f}")
         return table
 
     def notes(self) -> list[str]:

@@ -253,25 +253,21 @@ def map_figures(system: str, scenario: Any, folder: Path | str, progress: bool =
 
 def print_map(dataset: xr.Dataset) -> None:
     """Print how large the bounds on a map are."""
-    from rich.markup import escape
-    from rich.table import Table
-
-    from diagrams.tables import print_table
+    from diagrams.tables import Column, Table, print_table
 
     attributes = dataset.attrs
+    headings = ("points", "least", "10 % below", "median", "90 % below", "largest")
     table = Table(
-        title=escape(f"bound after {attributes['duration_s']:g} s, process noise {attributes['noise']}"),
-        caption=escape(f"prior: {attributes['prior']}; target: {attributes['target']}"),
+        f"bound after {attributes['duration_s']:g} s, process noise {attributes['noise']}",
+        [Column("measurements"), Column("quantity"), *headings],
+        keys=2,
+        caption=f"prior: {attributes['prior']}; target: {attributes['target']}",
     )
-    table.add_column("measurements")
-    table.add_column("quantity", no_wrap=True)
-    for heading in ("points", "least", "10 % below", "median", "90 % below", "largest"):
-        table.add_column(escape(heading), justify="right")
     for name in dataset["set"].values:
         for quantity in attributes["quantities"]:
             values = dataset[quantity].sel(set=name).values
             values = values[np.isfinite(values)]
             unit = "m" if quantity in ("position", "height") else "m/s"
             cells = [f"{q:.4g}" for q in np.percentile(values, [0, 10, 50, 90, 100])] if values.size else ["-"] * 5
-            table.add_row(str(name), escape(f"{quantity} [{unit}]"), str(values.size), *cells)
+            table.add(str(name), f"{quantity} [{unit}]", str(values.size), *cells)
     print_table(table)

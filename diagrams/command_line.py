@@ -73,16 +73,17 @@ def list_() -> None:
     """List systems, variants and estimators."""
     from diagrams.catalogue import load_scenario, system, systems, variants
     from diagrams.replay import REPLAYS
+    from diagrams.terminal import say
     from systems.registry import ESTIMATORS
 
     for name in systems():
-        print(f"{name}: {system(name).title}")
-        print(f"  estimators: {', '.join(load_scenario(name).estimators)}")
+        say(f"{name}: {system(name).title}")
+        say(f"  estimators: {', '.join(load_scenario(name).estimators)}")
         for variant in variants(name):
             extra = load_scenario(name, variant).estimators.keys() - load_scenario(name).estimators.keys()
-            print(f"  {name}:{variant}" + (f" (and estimators {', '.join(sorted(extra))})" if extra else ""))
-    print(f"registered estimators: {', '.join(ESTIMATORS)}")
-    print(f"recorded data for `quietfix replay`: {', '.join(REPLAYS)}")
+            say(f"  {name}:{variant}" + (f" (and estimators {', '.join(sorted(extra))})" if extra else ""))
+    say(f"registered estimators: {', '.join(ESTIMATORS)}")
+    say(f"recorded data for `quietfix replay`: {', '.join(REPLAYS)}")
 
 
 @app.command()

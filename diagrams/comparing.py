@@ -9,15 +9,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.markup import escape
-from rich.table import Table
-
 from diagrams.catalogue import split_name
 from diagrams.compare import ComparedStudy, Lineup, prepare, statistics
 from diagrams.errors import UserError, choose
 from diagrams.results import OutputFolder, open_result, write_summary
 from diagrams.study import join
-from diagrams.tables import number, print_table, with_interval
+from diagrams.tables import Column, Styled, Table, number, print_table, with_interval
+from diagrams.terminal import say
 
 __all__ = ["FORMATS", "compare_command", "comparison_markdown", "comparison_table"]
 
@@ -110,20 +108,15 @@ def comparison_table(found: Mapping[str, Any]) -> Table:
     """Return the table of one comparison, as `diagrams.compare.statistics` gives it."""
     name = found["system"] + (f":{found['variant']}" if found["variant"] else "")
     when = f"{found['time_s']:g} s"
-    table = Table(title=f"{name}, {found['trials']} trials, seed {found['seed']}")
-    table.add_column("estimator", no_wrap=True)
     titles = (f"RMSE at {when} [m]", "mean RMSE [m]", "median [m]", "RMSE/bound", "NEES/n", "diverged", "us")
-    for title in titles:
-        table.add_column(escape(title), justify="right", no_wrap=title != titles[0])
+    table = Table(f"{name}, {found['trials']} trials, seed {found['seed']}", [Column("estimator"), *titles])
     for row in _rows(found):
-        table.add_row(*(_rich(cell) for cell in row))
+        table.add(*(_starred(cell) for cell in row))
     return table
 
 
-def _rich(cell: str) -> str:
-    if cell.startswith(_BEST):
-        return f"[bold]* {escape(cell.strip('*'))}[/bold]"
-    return escape(cell)
+def _starred(cell: str) -> str | Styled:
+    return Styled(f"* {cell.strip('*')}", "bold") if cell.startswith(_BEST) else cell
 
 
 def comparison_markdown(found: Sequence[Mapping[str, Any]]) -> str:
@@ -188,26 +181,26 @@ def _legend(found: Mapping[str, Any]) -> str:
 
 def print_notes(found: Mapping[str, Any]) -> None:
     """Print what a reader of the table must know."""
-    print(_legend(found))
+    say(_legend(found))
     if found["feedback"]:
-        print(f"A prediction is fed back: {', '.join(found['feedback'])}.")
+        say(f"A prediction is fed back: {', '.join(found['feedback'])}.")
     for metric, words in (("rmse_position_m", "RMSE"), ("armse_position_m", "mean RMSE")):
         best = found["best"][metric]
         if best is None or best["runner_up"] is None:
             continue
         ratio = best["ratio"][best["runner_up"]]
-        print(
+        say(
             f"{words}: {best['name']} is {'' if best['significant'] else 'not '}significantly the best; "
             f"{best['runner_up']} / {best['name']} = {_ratio(ratio['value'])} "
             f"({_ratio(ratio['low'])} to {_ratio(ratio['high'])})"
         )
     if found["note"]:
-        print(found["note"])
+        say(found["note"])
     for line in _lighter(found):
-        print(line)
+        say(line)
     for name, reason in found["left_out"].items():
-        print(f"left out: {name}: {reason}")
-    print(f"{found['machine']}; {found['run_seconds']:.1f} s")
+        say(f"left out: {name}: {reason}")
+    say(f"{found['machine']}; {found['run_seconds']:.1f} s")
 
 
 def _lighter(found: Mapping[str, Any]) -> list[str]:

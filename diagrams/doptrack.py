@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from rich.table import Table
 from scipy.optimize import least_squares
 
 from diagrams.doptrack_data import Pass, Selection, read_passes
 from diagrams.errors import UserError
 from diagrams.replay import Dataset
+from diagrams.tables import Column, Table
 from systems.estimators.base import Wiring
 from systems.estimators.kalman import KalmanEstimator
 from systems.estimators.start import GivenStart
@@ -286,11 +286,11 @@ class DoptrackReplay:
 
     def table(self) -> Table:
         """Return the table that is printed."""
-        table = Table(title=f"Delfi-C3, {len(self.stream.passes)} passes, {self.times.size} samples")
-        for title in ("estimator", "horizontal error [km]", "its sigma [km]", "height error [km]", "residual [m/s]"):
-            table.add_column(title, justify="left" if title == "estimator" else "right")
+        heads = ("horizontal error [km]", "its sigma [km]", "height error [km]", "residual [m/s]")
+        title = f"Delfi-C3, {len(self.stream.passes)} passes, {self.times.size} samples"
+        table = Table(title, [Column("estimator"), *heads])
         for name in self.estimates:
-            table.add_row(
+            table.add(
                 name,
                 f"{1e-3 * self.horizontal_error(name):.2f}",
                 f"{1e-3 * self.sigmas[name]:.2f}",

@@ -292,24 +292,19 @@ def gdop_areas(dataset: xr.Dataset) -> dict[str, dict[str, float]]:
 
 
 def _print_areas(dataset: xr.Dataset) -> None:
-    from rich.markup import escape
-    from rich.table import Table
+    from diagrams.tables import Column, Table, print_table
 
-    from diagrams.tables import print_table
-
+    limits = [("position", limit) for limit in POSITION_LIMITS] + [("height", limit) for limit in HEIGHT_LIMITS]
+    titles = [f"{quantity} {limit / 1e3:g} km" for quantity, limit in limits]
     table = Table(
-        title=f"areas [10^6 km^2] with a bound below ..., {dataset.attrs['duration_s']:g} s, "
+        f"areas [10^6 km^2] with a bound below ..., {dataset.attrs['duration_s']:g} s, "
         f"process noise {dataset.attrs['noise']}",
+        [Column("measurements"), "visible", *titles, "centre, position and height [km]"],
         caption=f"prior: {dataset.attrs['prior']}",
     )
-    table.add_column("measurements", no_wrap=True)
-    limits = [("position", limit) for limit in POSITION_LIMITS] + [("height", limit) for limit in HEIGHT_LIMITS]
-    titles = [f"{quantity}\n{limit / 1e3:g} km" for quantity, limit in limits]
-    for title in ("visible", *titles, "centre, position\nand height [km]"):
-        table.add_column(escape(title), justify="right", no_wrap=True)
     for name, row in gdop_areas(dataset).items():
         cells: list[Any] = [f"{row['visible']:.2f}"]
         cells += [f"{row[f'{quantity}_below_{limit:.0f}_m']:.2f}" for quantity, limit in limits]
         cells.append(f"{row['centre_position_m'] / 1e3:.2f} / {row['centre_height_m'] / 1e3:.2f}")
-        table.add_row(name, *cells)
+        table.add(name, *cells)
     print_table(table)

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
-from rich.table import Table
 
 from diagrams.errors import UserError
 from diagrams.iq_pairs import PairResult, Piece, add_pairs, pair_result, pieces, simulate
 from diagrams.iq_settings import Settings
 from diagrams.replay import Dataset
 from diagrams.sigmf_file import IqRecording, read_sigmf
+from diagrams.tables import Column, Table
 from systems.ambiguity.estimate import CrossAmbiguity
 from systems.iq.block import IqBlock
 from systems.recorder import record
@@ -166,15 +166,15 @@ class IqReplay:
 
     def table(self) -> Table:
         """See `Replay.table`."""
-        table = Table(title=f"{self.times.size} comparisons of {1e3 * self.length:.4g} ms with {self.pairs[0].main}")
-        for head in ("recording", "TDOA, us", "scatter", "sigma", "FDOA, Hz", "scatter", "sigma", "peak, dB", "found"):
-            table.add_column(head, justify="left" if head == "recording" else "right")
+        heads = ("TDOA, us", "scatter", "sigma", "FDOA, Hz", "scatter", "sigma", "peak, dB", "found")
+        title = f"{self.times.size} comparisons of {1e3 * self.length:.4g} ms with {self.pairs[0].main}"
+        table = Table(title, [Column("recording"), *heads])
         for pair in self.pairs:
             good = pair.good
             if not good.any():
-                table.add_row(pair.auxiliary, *["-"] * 7, f"0 of {good.size}")
+                table.add(pair.auxiliary, *["-"] * 7, f"0 of {good.size}")
                 continue
-            table.add_row(
+            table.add(
                 pair.auxiliary,
                 f"{1e6 * np.median(pair.tdoa[good]):.4f}",
                 f"{1e6 * pair.tdoa[good].std():.4f}",

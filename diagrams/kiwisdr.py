@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
-from rich.table import Table
 
 from diagrams.errors import UserError
 from diagrams.iq_pairs import PairResult, add_pairs, pair_result, simulate
 from diagrams.replay import Dataset
+from diagrams.tables import Column, Table
 from systems.ambiguity.differences import Window
 from systems.ambiguity.estimate import CrossAmbiguity
 from systems.ambiguity.prefilter import Band
@@ -309,12 +309,12 @@ class KiwiReplay:
     def table(self) -> Table:
         """See `Replay.table`."""
         seconds, length = self.settings.integration_s, self.times.size
-        table = Table(title=f"{self.data.transmitter}, time differences of {length} windows of {seconds:g} s")
-        for head in ("pair", "median, us", "scatter, us", "sigma foretold, us", "true, us", "off by, us", "windows"):
-            table.add_column(head, justify="left" if head == "pair" else "right")
+        title = f"{self.data.transmitter}, time differences of {length} windows of {seconds:g} s"
+        heads = ("median, us", "scatter, us", "sigma foretold, us", "true, us", "off by, us", "windows")
+        table = Table(title, [Column("pair"), *heads])
         for pair, found in self.pairs.items():
             median, true = self._median(pair), self.true_difference(pair)
-            table.add_row(
+            table.add(
                 f"{found.auxiliary} - {found.main}",
                 f"{1e6 * median:.1f}",
                 f"{1e6 * np.nanstd(found.tdoa):.1f}",

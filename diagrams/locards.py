@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 
 from diagrams.errors import choose
 from diagrams.locards_data import LocardsSet, Track, read_sets
 from diagrams.locards_scores import METHODS, Scores, score
 from diagrams.progress import Progress
 from diagrams.replay import Dataset
+from diagrams.tables import Column, Table
 from systems.estimators.arrival_gate import REFUSED, ArrivalGate
 from systems.estimators.base import Estimator, Wiring
 from systems.estimators.snapshot_start import SnapshotStart
@@ -292,19 +291,15 @@ class LocardsReplay:
     def table(self) -> Table:
         """See `Replay.table`."""
         title = f"LocaRDS: horizontal error of {self.settings.estimator} in metres, with / without the gate"
-        table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        for column in ("set", "aircraft"):
-            table.add_column(column, no_wrap=True)
-        for column in ("messages", "with fix, %", "50 %", "90 %", "99 %"):
-            table.add_column(column, justify="right", no_wrap=True)
+        heads = ("messages", "with fix, %", "50 %", "90 %", "99 %")
+        table = Table(title, [Column("set"), Column("aircraft"), *heads], keys=2)
         for name, who, row in self.groups():
             pair = [row[method] for method in METHODS]
             shares = " / ".join(
                 "-" if r["share_with_fix"] is None else f"{100 * r['share_with_fix']:.3g}" for r in pair
             )
             errors = [" / ".join(_metres(r[f"p{p}_m"]) for r in pair) for p in (50, 90, 99)]
-            last = who != _EVERY
-            table.add_row("" if last else name, who, str(row["messages"]), shares, *errors, end_section=last)
+            table.add(name, who, str(row["messages"]), shares, *errors)
         return table
 
     def notes(self) -> list[str]:

@@ -373,33 +373,28 @@ def _one(
 
 def report(found: Sequence[Observability], title: str) -> None:
     """Print a table per set of measurements, and the verdict."""
-    from rich.markup import escape
-    from rich.table import Table
-
-    from diagrams.tables import print_table
+    from diagrams.tables import Column, Table, print_table
+    from diagrams.terminal import say
 
     for one in found:
         s = one.spectrum
         table = Table(
-            title=escape(f"{title}: {', '.join(one.estimators)}"),
-            caption=escape(f"rows {', '.join(one.rows)}; counted in {_counted(one)} (the prior's largest sigma)"),
+            f"{title}: {', '.join(one.estimators)}",
+            ["time [s]", "rank", "better than prior", "condition", Column("worst direction"), "its sigma"],
+            caption=f"rows {', '.join(one.rows)}; counted in {_counted(one)} (the prior's largest sigma)",
         )
-        for heading in ("time [s]", "rank", "better than prior", "condition"):
-            table.add_column(escape(heading), justify="right")
-        table.add_column("worst direction")
-        table.add_column("its sigma", justify="right")
         for k in _telling(s):
             worst = s.sigma[k, -1]
-            table.add_row(
+            table.add(
                 f"{one.times[k]:g}",
                 f"{s.rank[k]} of {len(one.components)}",
                 f"{s.known[k]}",
                 f"{s.condition[k]:.2g}" if np.isfinite(s.condition[k]) else "infinite",
-                escape(one.weakest_words(k)),
+                one.weakest_words(k),
                 f"{worst:.3g} x prior" if np.isfinite(worst) else "infinite",
             )
         print_table(table)
-        print(f"{', '.join(one.estimators)}: {one.verdict()}")
+        say(f"{', '.join(one.estimators)}: {one.verdict()}")
 
 
 def _counted(one: Observability) -> str:

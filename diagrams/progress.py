@@ -7,6 +7,8 @@ import time
 from types import TracebackType
 from typing import Any
 
+from diagrams.terminal import live
+
 __all__ = ["Progress"]
 
 _PATIENCE = 1.0  # s
@@ -22,12 +24,13 @@ class Progress:
     total : float
         Value of `update` at which it is done.
     shown : bool
-        False: do nothing. The bar goes to standard error, and only to a terminal.
+        False: do nothing. The bar goes to standard error, and only to a terminal
+        whose lines can be overwritten.
     """
 
     def __init__(self, label: str, total: float, shown: bool = True) -> None:
         self._label, self._total = label, total
-        self._shown = shown and sys.stderr.isatty()
+        self._shown = shown and live(sys.stderr)
         self._began = time.monotonic()
         self._bar: Any = None
         self._task: Any = None

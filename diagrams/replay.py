@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from diagrams.errors import UserError, choose
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from diagrams.tables import Table
 
 __all__ = ["REPLAYS", "Dataset", "Kept", "Replay", "data_folder", "replay"]
 
@@ -151,6 +151,7 @@ def replay(
         For an unknown data set, missing or broken data, or a folder that cannot be written.
     """
     from diagrams.tables import print_table
+    from diagrams.terminal import say
     from systems.registry import locate
 
     entry: Dataset = locate(REPLAYS[choose("dataset", dataset, REPLAYS)])
@@ -162,7 +163,7 @@ def replay(
     seconds = time.monotonic() - began
     print_table(result.table())
     for note in result.notes():
-        print(note)
+        say(note)
     if out is not None:
         _write(result, Path(out), dataset, seconds)
     return result

@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from rich.markup import escape
-from rich.table import Table
 
 from diagrams.catalogue import load_scenario, split_name
 from diagrams.errors import UserError
 from diagrams.results import OutputFolder, open_result, write_summary
-from diagrams.tables import number, print_table
+from diagrams.tables import Column, Table, number, print_table
+from diagrams.terminal import say
 
 __all__ = ["draw_command", "gdop_command", "observe_command", "replay_command", "run_command"]
 
@@ -93,17 +92,17 @@ def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
     picks = sorted({int(np.argmin(np.abs(times - share * times[-1]))) for share in (1 / 15, 1 / 3, 2 / 3, 1.0)})
     variant = f":{dataset.attrs['variant']}" if dataset.attrs["variant"] else ""
     table = Table(
-        title=f"{dataset.attrs['system']}{variant}, {dataset.sizes['trial']} trials, seed {dataset.attrs['seed']}",
+        f"{dataset.attrs['system']}{variant}, {dataset.sizes['trial']} trials, seed {dataset.attrs['seed']}",
+        [
+            Column("estimator"),
+            *(f"{times[i]:g} s [m]" for i in picks),
+            *("median [m]", "bound [m]", "height [m]", "velocity [m/s]", "NEES", "diverged"),
+        ],
         caption="RMSE of position at each time; at the end: median and bound (filter's process noise) of position, "
         "RMSE of height and velocity, mean NEES",
     )
-    table.add_column("estimator", no_wrap=True)
-    for i in picks:
-        table.add_column(escape(f"{times[i]:g} s [m]"), justify="right")
-    for title in ("median [m]", "bound [m]", "height [m]", "velocity [m/s]", "NEES", "diverged"):
-        table.add_column(escape(title), justify="right")
     for name, row in estimators.items():
-        table.add_row(
+        table.add(
             name if row.get("causal", True) else f"{name} (not causal)",
             *(number(row["rmse_position_m"][i]) for i in picks),
             *(
@@ -114,7 +113,7 @@ def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
         )
     print_table(table)
     if dataset.attrs.get("note"):
-        print(dataset.attrs["note"])
+        say(dataset.attrs["note"])
 
 
 def _last(row: Mapping[str, Any], key: str) -> float | None:

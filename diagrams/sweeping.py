@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import xarray as xr
-from rich.markup import escape
-from rich.table import Table
 
 from diagrams.results import OutputFolder, open_result
 from diagrams.sweep import Sweep, sweep_statistics
-from diagrams.tables import number, print_table, with_interval
+from diagrams.tables import Column, Table, number, print_table, with_interval
+from diagrams.terminal import say
 
 __all__ = ["sweep_command", "sweep_table"]
 
@@ -27,7 +26,7 @@ def sweep_command(system: str, vary: str, options: Mapping[str, Any], out: Path 
     if out is None:
         found = sweep_statistics(xr.concat(list(planned.points(True)), "point", combine_attrs="override"))
         print_table(sweep_table(found))
-        print(_legend(found))
+        say(_legend(found))
         return
     from diagrams.figures.style import save
     from diagrams.figures.sweep import draw_sweep
@@ -46,7 +45,7 @@ def sweep_command(system: str, vary: str, options: Mapping[str, Any], out: Path 
         save(draw_sweep(found, planned.vary.geometric), folder.partial / "sweep.png")
         folder.finish()
     print_table(sweep_table(found))
-    print(_legend(found))
+    say(_legend(found))
     print(f"wrote {out}: sweep.json, results.zarr, sweep.png ({time.monotonic() - began:.1f} s)")
 
 
@@ -60,15 +59,17 @@ def _write(folder: OutputFolder) -> dict[str, Any]:
 def sweep_table(found: Mapping[str, Any]) -> Table:
     """Return the table of a sweep, as `diagrams.sweep.sweep_statistics` gives it."""
     name = found["system"] + (f":{found['variant']}" if found["variant"] else "")
-    table = Table(title=f"{name}, {found['key']} varied, {found['trials']} trials, seed {found['seed']}")
-    table.add_column("estimator", no_wrap=True)
     last = found["key"].rpartition(".")[2]
-    for title in (last, "RMSE [m]", "times the first", "RMSE/bound", "NEES/n", "", "diverged"):
-        table.add_column(escape(title), justify="right")
+    titles = (last, "RMSE [m]", "times the first", "RMSE/bound", "NEES/n", "verdict", "diverged")
+    table = Table(
+        f"{name}, {found['key']} varied, {found['trials']} trials, seed {found['seed']}",
+        [Column("estimator"), *titles],
+        keys=2,
+    )
     for name, row in found["estimators"].items():
         for k, value in enumerate(found["values"]):
-            table.add_row(
-                name if k == 0 else "",
+            table.add(
+                name,
                 f"{value:g}",
                 with_interval(row["rmse_position_m"][k]),
                 "1" if k == 0 else with_interval(row["rmse_ratio"][k]),
@@ -76,7 +77,6 @@ def sweep_table(found: Mapping[str, Any]) -> Table:
                 with_interval(row["nees_per_state"][k]),
                 row["nees_verdict"][k] or "-",
                 str(row["diverged"][k]),
-                end_section=k == len(found["values"]) - 1,
             )
     return table
 

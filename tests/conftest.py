@@ -3,8 +3,12 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+from diagrams import tables
+from diagrams.tables import Table
 
 # Also where pytest is started without make; set before NumPy and Matplotlib are imported.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -40,6 +44,27 @@ def recorded(data_dir: Path) -> Callable[[str], Path]:
         return folder
 
     return folder_of
+
+
+@pytest.fixture(autouse=True)
+def _no_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Print as into a pipe, whatever terminal the tests are started from (pytest-xdist passes its width on)."""
+    for name in ("COLUMNS", "NO_COLOR", "FORCE_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.fixture
+def printed_tables(monkeypatch: pytest.MonkeyPatch) -> list[Table]:
+    """The tables that the test prints, in their order."""
+    found: list[Table] = []
+    render = tables.rendered
+
+    def kept(table: Table, *rest: Any) -> list[str]:
+        found.append(table)
+        return render(table, *rest)
+
+    monkeypatch.setattr(tables, "rendered", kept)
+    return found
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

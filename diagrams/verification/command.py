@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.markup import escape
-from rich.table import Table
-
 from diagrams.figures.style import save
 from diagrams.figures.verification import draw_verification
 from diagrams.results import OutputFolder
-from diagrams.tables import print_table
+from diagrams.tables import Column, Styled, Table, print_table
 from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED, WORDS
 from diagrams.verification.verify import Finding, Report, plain, verify
 
 __all__ = ["print_report", "verify_command"]
 
-_STYLES = {HOLDS: "green", FAILS: "bold red", UNDECIDED: "yellow"}
+_STYLES = {HOLDS: "green", FAILS: "red", UNDECIDED: "yellow"}
 
 
 def verify_command(file: Path, trials: int | None, seed: int | None, out: Path | None, overwrite: bool) -> int:
@@ -40,31 +37,30 @@ def print_report(report: Report) -> None:
     looks = ", ".join(map(str, report.looks))
     chances = sorted({f"{1 - (finding.requirement.confidence or 0):.2g}" for finding in report.findings})
     table = Table(
-        title=f"{report.path.name}: {report.specification.system}, seed {report.seed}",
+        f"{report.path.name}: {report.specification.system}, seed {report.seed}",
+        [
+            *map(Column, ("requirement", "estimator", "metric")),
+            *("estimate", "interval", Column("limit"), Column("verdict"), "trials"),
+        ],
         caption=f"Looks at {looks} trials. A verdict is wrong with probability {' or '.join(chances)} at most, all"
         " looks together; the interval is that of the look that decided.",
     )
-    table.add_column("requirement")
-    table.add_column("estimator", overflow="fold")
-    table.add_column("metric", overflow="fold")
-    for heading in ("estimate", "interval", "limit", "verdict", "trials"):
-        table.add_column(heading, justify="left" if heading in ("limit", "verdict") else "right", no_wrap=True)
     for finding in report.findings:
-        table.add_row(*_row(finding))
+        table.add(*_row(finding))
     print_table(table)
     counts = [sum(f.verdict == verdict for f in report.findings) for verdict in (HOLDS, FAILS, UNDECIDED)]
     print("{} of {} hold, {} fail, {} undecided".format(counts[0], len(report.findings), *counts[1:]))
 
 
-def _row(finding: Finding) -> list[str]:
+def _row(finding: Finding) -> list[str | Styled]:
     asked, style = finding.requirement, _STYLES[finding.verdict]
     return [
-        escape(asked.name + (f" ({asked.case})" if asked.case else "")),
+        asked.name + (f" ({asked.case})" if asked.case else ""),
         asked.estimator,
-        escape(finding.metric),
+        finding.metric,
         plain(finding.estimate),
         f"{plain(finding.lower)} to {plain(finding.upper)}",
         f"{finding.limit} {finding.unit}",
-        f"[{style}]{WORDS[finding.verdict]}[/]",
+        Styled(WORDS[finding.verdict], style),
         str(finding.trials),
     ]

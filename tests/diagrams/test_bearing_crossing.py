@@ -12,6 +12,7 @@ from diagrams.replay import replay
 from diagrams.study import Study, run_study
 from systems.measurement.bearing import Bearing
 from systems.motion.constant_velocity import ConstantVelocity
+from tests.fitting import check_fits
 
 CLIP = 300e3  # m; a crossing at a small angle has no variance, so the paper's RMS needs a limit
 TIMES = (199, 399, 599, 799, 999)
@@ -226,6 +227,7 @@ def test_replay_of_lenths_example(tmp_path):
     np.testing.assert_allclose(result.likely.position, [5870, 1130], atol=20)
     assert np.linalg.norm(result.robust.position - [7210, 1970]) < 150
     assert any("bearing 6" in note for note in result.notes())
+    check_fits(result.table())
     assert (tmp_path / "out" / "summary.json").exists() and (tmp_path / "out" / "bearings.png").exists()
     file.write_text(lenth(sigma="2.9", leave_out=5))
     better = replay("bearings", file=file, progress=False)
@@ -242,6 +244,7 @@ def test_latitude_and_longitude(tmp_path):
     file = tmp_path / "towers.csv"
     file.write_text("\n".join(["time_s,latitude_deg,longitude_deg,bearing_deg,sigma_deg", *rows]))
     result = replay("bearings", file=file, progress=False)
+    check_fits(result.table())
     latitude, longitude = result.bearings.degrees(result.robust.position)
     found = np.array([(longitude - 11) * east, (latitude - 48) * north])
     assert np.linalg.norm(found - [7210, 1970]) < 170

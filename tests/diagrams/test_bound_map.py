@@ -16,6 +16,7 @@ from diagrams.gdop_rocket import rocket_map
 from diagrams.launch import vehicle_block
 from diagrams.study import run_study
 from tests.diagrams.test_command_line import in_process
+from tests.fitting import check_fits
 
 SHORT = ["duration_s=60"]
 
@@ -103,13 +104,14 @@ def test_more_rows_never_raise_the_bound_and_no_bound_is_above_the_prior():
     ],
     ids=["bearings", "rocket", "orbits", "ground"],
 )
-def test_figures_and_titles_say_noise_and_prior(make, system, settings, tmp_path, capsys):
+def test_figures_and_titles_say_noise_and_prior(make, system, settings, tmp_path, capsys, printed_tables):
     found = map_bounds(make(load_scenario(system, settings=settings))).isel(set=[0])
     assert all(found.attrs[name] for name in ("noise", "prior", "target"))
     written = draw_gdop(found, tmp_path)
     assert len(written) == len(found.attrs["quantities"])
     assert all(path.stat().st_size > 10_000 for path in written)
     bound_map.print_map(found)
+    check_fits(printed_tables[-1])
     printed = capsys.readouterr().out
     assert "prior" in printed and "median" in printed
 

@@ -10,6 +10,7 @@ from diagrams.doptrack_data import Selection, read_passes, teme_to_earth_fixed
 from diagrams.errors import UserError
 from diagrams.replay import data_folder, replay
 from systems.frames import EARTH_RATE, ecef_to_geodetic
+from tests.fitting import check_fits
 
 BAD = "202004011959"
 
@@ -101,6 +102,7 @@ def test_a_few_passes_are_replayed_from_the_command(recorded, tmp_path, monkeypa
     assert summary["estimators"]["bias_drift"]["horizontal_error_m"] < 50e3  # from 200 km, four passes
     assert (tmp_path / "out" / "station_error.png").stat().st_size > 1000
     assert (tmp_path / "out" / "summary.json").is_file()
+    check_fits(result.table())
     assert "bias_drift" in capsys.readouterr().out
     assert abs(ecef_to_geodetic(result.estimates["bias_drift"][-1])[2] - 95.0) < 3e3
 

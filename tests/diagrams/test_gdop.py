@@ -9,6 +9,7 @@ from diagrams.gdop import Prior, gdop_areas, gdop_map, ground_grid, ground_map, 
 from diagrams.three_satellite import models
 from systems.frames import ecef_to_geodetic
 from systems.measurement.stack import Stack
+from tests.fitting import check_fits
 
 SETS = {
     "TDOA+phA": ["tdoa", "phase_a"],
@@ -164,7 +165,7 @@ def test_users_mistakes_are_named():
             gdop_map(scenario, {"one": ["tdoa"]}, spacing, extent)
 
 
-def test_figures_and_table(tmp_path, capsys):
+def test_figures_and_table(tmp_path, capsys, printed_tables):
     scenario = scenario_of(None, 0.1)
     scenario.estimators = {"iekf_tdoa_phase": scenario.estimators["iekf_tdoa_phase"]}
     map_figures("three_satellite", scenario, tmp_path, progress=False)
@@ -172,6 +173,7 @@ def test_figures_and_table(tmp_path, capsys):
     assert {path.name for path in tmp_path.iterdir()} == names
     printed = capsys.readouterr().out
     assert "9.59" in printed and "4.34" in printed and "0.1 m/s^2" in printed and "5 km in height" in printed
+    check_fits(printed_tables[0])
 
 
 def test_a_map_that_nobody_sees_is_drawn_empty(tmp_path):

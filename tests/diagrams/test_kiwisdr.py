@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from diagrams.command_line import main
 from diagrams.kiwisdr import read_folder
 from diagrams.replay import data_folder, replay
+from tests.fitting import check_fits
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
@@ -58,6 +59,7 @@ def test_fix(found):
     assert found.error < 3e3
     assert found.sigma < 0.5 * found.error
     assert any("understates" in note and "sky wave" in note for note in found.notes())
+    check_fits(found.table())
     assert np.linalg.eigvalsh(found.covariance[-1]).min() > 0
     assert 0.2 < found.nis / found.nis_dof < 3.0
     # every window alone, and all of them, agree within what single windows scatter

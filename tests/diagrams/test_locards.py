@@ -1,6 +1,5 @@
 """Replay of LocaRDS: reading, running, scoring."""
 
-import io
 import json
 import math
 import shutil
@@ -8,7 +7,6 @@ import shutil
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
-from rich.console import Console
 
 from diagrams.errors import UserError
 from diagrams.locards import LocardsReplay, Settings, build, recording, replay_set, run, run_track, split
@@ -21,6 +19,7 @@ from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.refractivity import mean_refractivity
 from systems.registry import locate
 from systems.signals import leaf_systems
+from tests.fitting import check_fits
 
 PLACES = [(47.3, 8.9, 450), (47.9, 9.9, 600), (48.6, 9.5, 300), (48.5, 8.2, 700), (47.5, 8.1, 500), (48.1, 8.8, 800)]
 HEADER = "id,timeAtServer,aircraft,latitude,longitude,baroAltitude,geoAltitude,numMeasurements,measurements"
@@ -294,9 +293,7 @@ def test_table_summary_and_figures(simulated, tmp_path, capsys):
     assert summary["sets"]["set_1"]["all_aircraft"]["messages"] == 11
     assert summary["sets"]["set_1"]["five_messages_or_more"]["gate"]["p50_m"] < 10
     assert summary["all_sets"]["all_aircraft"] == result.all.summary(0)
-    console = Console(width=80, record=True, file=io.StringIO())
-    console.print(result.table())
-    assert "…" not in console.export_text()
+    check_fits(result.table())
 
 
 def test_a_folder_that_cannot_be_written(simulated, tmp_path):
