@@ -6,6 +6,7 @@ import re
 import struct
 import sys
 import termios
+import threading
 from pathlib import Path
 
 import pytest
@@ -153,20 +154,34 @@ def test_comparison_of_large_numbers_fits():
 
 
 class Terminal:
-    """A pseudo-terminal as a stream."""
+    """A pseudo-terminal as a stream; a thread reads it, for its buffer is small."""
+
+    END = "\x1e"
 
     def __init__(self, columns: int) -> None:
-        self.reading, writing = os.openpty()
+        self._reading, writing = os.openpty()
         fcntl.ioctl(writing, termios.TIOCSWINSZ, struct.pack("HHHH", 25, columns, 0, 0))
         self.stream = os.fdopen(writing, "w", encoding="utf-8")
+        self._read = b""
+        self._reader = threading.Thread(target=self._collect, daemon=True)
+        self._reader.start()
+
+    def _collect(self) -> None:
+        while not self._read.endswith(self.END.encode()):
+            self._read += os.read(self._reading, 1000)
 
     def text(self) -> str:
+        """Return all that was written; nothing can be written after it."""
+        self.stream.write(self.END)
         self.stream.flush()
-        return os.read(self.reading, 100_000).decode()
+        self._reader.join(timeout=60)
+        return self._read.decode().removesuffix(self.END)
 
     def close(self) -> None:
+        if self._reader.is_alive():
+            self.text()
         self.stream.close()
-        os.close(self.reading)
+        os.close(self._reading)
 
 
 @pytest.fixture
