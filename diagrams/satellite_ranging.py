@@ -393,6 +393,12 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
                 raise UserError(
                     f"estimators.{name}: {name} is not allowed with truth.errors; it is given what the sensor will read"
                 )
+            span = clock.period * (block.plane_epochs - 1)
+            if scenario.duration_s < span:
+                raise UserError(
+                    f"duration_s: {scenario.duration_s:g} is not allowed; {name} looks ahead, at least {span:g} s are "
+                    "needed"
+                )
             ahead = builder.AddSystem(
                 Preview(
                     sensor, target_at, lambda t: observer.at(t), clock, block.plane_epochs, error, f"preview_{name}"

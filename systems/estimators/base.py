@@ -390,14 +390,15 @@ class Estimator(EnsembleBlock):
         discrete.get_mutable_value(self._state)[self._places[group][0]] = value.reshape(-1)
 
     def _initialize(self, context: Context, discrete: DiscreteValues) -> None:
-        """Start at the first instant; a start made from a measurement has then used that measurement.
-
-        A context that has been running for a while, in a Simulator of its own now, goes on as it is.
-        """
+        """Start; a context that has been running for a while, in a Simulator of its own now, goes on as it is."""
         state = discrete.get_mutable_value(self._state)
         if state[-3] < context.get_time():
             return
         state[-3] = context.get_time()
+        self._begin(context, discrete)
+
+    def _begin(self, context: Context, discrete: DiscreteValues) -> None:
+        """Start at the first instant; a start made from a measurement has then used that measurement."""
         memory, started = self._first(context, self.read(context, "measurement"))
         self._write(discrete, memory, self._nothing(), started, context.get_time(), self.start.uses_measurement)
 

@@ -149,8 +149,8 @@ class RangeDecomposed(Estimator):
             self.declare_input("preview", self.wiring.trials, self.plane_epochs * PREVIEW)
         super()._declare_ports()
 
-    def _initialize(self, context: Context, discrete: DiscreteValues) -> None:
-        super()._initialize(context, discrete)
+    def _begin(self, context: Context, discrete: DiscreteValues) -> None:
+        super()._begin(context, discrete)
         if self.look_ahead:
             ahead = self.read(context, "preview").reshape(-1, self.plane_epochs, PREVIEW)
             normal, count_ = self._find_plane(ahead)

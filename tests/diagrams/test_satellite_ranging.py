@@ -158,6 +158,7 @@ def test_the_cost_in_python_calls_does_not_grow_with_the_trials():
         ({"estimators.ra.measurements": "[angles]"}, "ranging needs all rows"),
         ({"truth.sigma_angle_mrad": 0}, "truth.sigma_angle_mrad: 0 is not allowed"),
         ({"belief.propagation": "euler"}, "belief.propagation: 'euler' is not allowed"),
+        ({"duration_s": 180}, "duration_s: 180 is not allowed; ra_look_ahead looks ahead, at least 190 s are needed"),
         ({"estimators.ra.plane_epochs": 1}, "estimators.ra.plane_epochs: 1 is not allowed"),
     ],
 )

@@ -1,0 +1,81 @@
+"""The fingerprint of a study: a hash of every array, what stands beside them, and which blocks the diagram has."""
+
+import hashlib
+import json
+import platform
+from pathlib import Path
+
+import numpy as np
+
+from diagrams.study import Study, join
+from tests.golden.cases import CASES
+
+__all__ = ["FILE", "fingerprint", "machine", "read", "write"]
+
+FILE = Path(__file__).with_name("golden.json")
+TRIALS, SEED = 4, 11
+
+_ATTRIBUTES = ("system", "variant", "seed", "first_trial", "trials", "keep", "every", "frame", "note", "divergence_m")
+_ATTRIBUTES += ("convergence_m", "looks_ahead")
+
+
+def machine() -> str:
+    """Return what the last bits hang on: the processor, NumPy and Python's own mathematics."""
+    model = "unknown"
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        lines = dict.fromkeys(
+            line for line in cpuinfo.read_text().splitlines() if line.startswith(("model", "cpu fam"))
+        )
+        model = "; ".join(" ".join(line.split()) for line in lines)
+    return f"{model}; Python {platform.python_version()}, NumPy {np.__version__}"
+
+
+def _array(values: np.ndarray) -> dict:
+    """Return hash, shape and two weighted sums of an array; the sums are for a machine that rounds otherwise."""
+    values = np.ascontiguousarray(values)
+    digest = hashlib.sha256(values.tobytes()).hexdigest()[:16]
+    flat = values.astype(float).ravel()
+    known = np.isfinite(flat)
+    weights = np.cos(np.arange(flat.size))  # no two elements alike, so that an exchange is seen
+    sizes = np.abs(np.where(known, flat, 0.0))
+    return {
+        "hash": digest,
+        "shape": list(values.shape),
+        "missing": int(np.count_nonzero(~known)),
+        "sums": [float(sizes.sum()), float(sizes @ np.where(flat < 0, -weights, weights))],
+    }
+
+
+def fingerprint(title: str) -> dict:
+    """Run a case of `CASES` and return its fingerprint."""
+    case = CASES[title]
+    study = Study(
+        case.system, set=case.settings, estimators=case.estimators, trials=TRIALS, seed=SEED, keep="all", chunk=TRIALS
+    )
+    result = join(list(study.chunks()))
+    names = {key: [str(v) for v in result[key].values] for key in ("estimator", "state", "state_units", "row")}
+    return {
+        "arrays": {
+            str(name): {"dims": list(map(str, result[name].dims))} | _array(result[name].values)
+            for name in sorted(result.data_vars, key=str)
+        },
+        "time_s": [float(t) for t in result["time"].values],
+        "names": names,
+        "attributes": {key: _plain(result.attrs[key]) for key in _ATTRIBUTES if key in result.attrs},
+        "blocks": sorted(block.get_name() for block in study.diagram(TRIALS)[0].GetSystems()),
+    }
+
+
+def _plain(value: object) -> object:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def read() -> dict:
+    """Return the record: ``machine`` and, under ``cases``, a fingerprint by title."""
+    return json.loads(FILE.read_text())
+
+
+def write(cases: dict) -> None:
+    """Write the record."""
+    FILE.write_text(json.dumps({"machine": machine(), "cases": cases}, indent=0, separators=(",", ":")) + "\n")
