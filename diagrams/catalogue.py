@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from diagrams.errors import UserError, choose
+from diagrams.errors import UserError, choose, texts
 from systems.registry import ESTIMATORS, locate
 
 __all__ = [
     "SYSTEMS",
     "estimator_key",
     "load_scenario",
+    "resolve_scenario",
     "select_estimators",
     "split_name",
     "system",
@@ -30,6 +32,7 @@ SYSTEMS: dict[str, str] = {
 }
 """Where each system is, as ``module:NAME``; a new system is one line here."""
 
+_NAME = re.compile(r"[^\W_][\w+-]{0,59}")  # it names blocks, signals, figures' labels and fields of `--set`
 _MOST_EPOCHS = 1_000_000  # hours for one trial and one filter
 
 
@@ -60,6 +63,8 @@ def variants(name: str) -> list[str]:
 
 def split_name(name: str) -> tuple[str, str | None]:
     """Split ``SYSTEM`` or ``SYSTEM:VARIANT`` and check both parts."""
+    if not isinstance(name, str):
+        choose("system", name, SYSTEMS)
     head, colon, variant = name.partition(":")
     choose("system", head, SYSTEMS)
     if not colon:
@@ -101,6 +106,7 @@ def load_scenario(
     """
     from diagrams.scenario import apply_setting, load, merge, read_yaml
 
+    settings = texts("set", settings)
     schema = system(name).scenario
     if text is not None:
         data = read_yaml(text)
@@ -114,8 +120,50 @@ def load_scenario(
     for setting in settings:
         data = apply_setting(data, setting)
     scenario = load(schema, [data])
-    _check_epochs(scenario)
+    _check_sense(scenario)
     return scenario
+
+
+def resolve_scenario(name: str, variant: str | None, scenario: Any, settings: Any) -> Any:
+    """Return the scenario of a study: loaded, or a user's object, checked.
+
+    Parameters
+    ----------
+    name, variant
+        System and variant, checked.
+    scenario : path, str, dataclass or None
+        A user's YAML file, a whole scenario object, or nothing.
+    settings : sequence of str, mapping or None
+        ``KEY=VALUE``, or values by dotted key.
+
+    Raises
+    ------
+    UserError
+        Naming the field, the value and what is allowed.
+    """
+    from diagrams.scenario import check_object
+
+    if isinstance(settings, Mapping):
+        settings = [f"{key}={'null' if value is None else value}" for key, value in settings.items()]
+    settings = texts("set", settings)
+    if scenario is None or isinstance(scenario, str | Path):
+        return load_scenario(name, variant, scenario, settings)
+    check_object(system(name).scenario, scenario)
+    if settings:
+        raise UserError("set: it cannot be combined with a scenario object; change its fields instead")
+    _check_sense(scenario)
+    return scenario
+
+
+def _check_sense(scenario: Any) -> None:
+    """Check what the types of the fields do not say."""
+    _check_epochs(scenario)
+    for name in scenario.estimators:
+        if not _NAME.fullmatch(name):
+            raise UserError(
+                f"estimators: the name {name!r} is not allowed; letters, digits, _, - and +, the first a letter or "
+                "digit, at most 60"
+            )
 
 
 def _check_epochs(scenario: Any) -> None:
@@ -145,6 +193,7 @@ def select_estimators(scenario: Any, wanted: Sequence[str] | None) -> list[str]:
     UserError
         For a name that is not known, and for a class whose name another estimator has.
     """
+    wanted = texts("estimators", wanted)
     if not wanted:
         if not scenario.estimators:
             raise UserError("estimators: none is given; at least one is needed")

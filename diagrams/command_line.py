@@ -318,6 +318,7 @@ def main(arguments: list[str] | None = None) -> None:
     formatwarning, warnings.formatwarning = warnings.formatwarning, _format_warning
     sys.path.append("")  # a user's own class may lie in the folder where the command is given
     try:
+        _check_encoding(sys.argv[1:] if arguments is None else arguments)
         status = app(args=arguments, standalone_mode=False, prog_name="quietfix")
     except UserError as error:
         _fail(str(error), 2)
@@ -327,6 +328,10 @@ def main(arguments: list[str] | None = None) -> None:
         _fail(f"{message.rstrip('.')}; see `quietfix --help`", 2)
     except (KeyboardInterrupt, typer.Abort):
         _fail("interrupted", 130)
+    except SystemExit as error:  # the parser does not exit by itself here, so a user's class or file has
+        _fail(f"a class of the user's ended the program (SystemExit: {error})", 2)
+    except MemoryError:
+        _fail("the memory is not enough; fewer trials at once (--chunk), a shorter duration_s or fewer particles", 2)
     except BrokenPipeError:  # `quietfix show ... | head`
         sys.stderr.close()
         sys.exit(0)
@@ -337,6 +342,18 @@ def main(arguments: list[str] | None = None) -> None:
     sys.exit(status if isinstance(status, int) else 0)
 
 
+def _check_encoding(arguments: list[str]) -> None:
+    """Refuse bytes that are no text: they can be neither printed nor put into a result."""
+    from diagrams.errors import UserError
+
+    for i, argument in enumerate(arguments, 1):
+        try:
+            argument.encode()
+        except UnicodeEncodeError:
+            shown = argument.encode(errors="backslashreplace").decode()
+            raise UserError(f"argument {i}: {shown} is not allowed; text in UTF-8") from None
+
+
 def _format_warning(
     message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
 ) -> str:
@@ -345,7 +362,9 @@ def _format_warning(
 
 
 def _fail(message: str, status: int) -> NoReturn:
-    print(f"quietfix: {message}", file=sys.stderr)
+    from diagrams.errors import one_line
+
+    print(f"quietfix: {one_line(message)}", file=sys.stderr)
     sys.exit(status)
 
 

@@ -23,7 +23,7 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.stats import binomtest
 
 from diagrams.bootstrap import Interval, PairedBootstrap, Replicates, best_of, interval
-from diagrams.catalogue import load_scenario, select_estimators, split_name
+from diagrams.catalogue import resolve_scenario, select_estimators, split_name
 from diagrams.catalogue import system as find_system
 from diagrams.errors import UserError
 from diagrams.metrics import chi_square_band, diverged, errors, median
@@ -195,10 +195,7 @@ def prepare(
     variant = variant or in_name
     if isinstance(trials, int) and trials == 1:
         raise UserError("trials: 1 is not allowed; intervals over trials need at least 2")
-    if scenario is None or isinstance(scenario, str | Path):
-        scenario = load_scenario(name, variant, scenario, list(set or ()))
-    elif set:
-        raise UserError("set: it cannot be combined with a scenario object; change its fields instead")
+    scenario = resolve_scenario(name, variant, scenario, set)
     chosen = line_up(name, scenario, estimators)
     if not chosen.names:
         raise UserError("estimators: none is given; at least one is needed")

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
-__all__ = ["UserError", "choose"]
+__all__ = ["UserError", "choose", "one_line", "texts"]
+
+_LONGEST = 2000  # characters of a message
+_BRIEF = 60
 
 
 class UserError(ValueError):
@@ -15,8 +19,38 @@ class UserError(ValueError):
 def choose(what: str, value: str, allowed: Iterable[str]) -> str:
     """Return `value` if it is among `allowed`, else raise a `UserError` that lists them."""
     names = list(allowed)
+    there = f"there are {', '.join(names) or 'none'}"
+    if not isinstance(value, str):
+        raise UserError(f"{what}: {_brief(value)} is not allowed; text; {there}")
     if value in names:
         return value
     near = difflib.get_close_matches(value, names, n=1)
     hint = f" (did you mean {near[0]}?)" if near else ""
-    raise UserError(f"{what}: {value} is not known{hint}; there are {', '.join(names) or 'none'}")
+    raise UserError(f"{what}: {value} is not known{hint}; {there}")
+
+
+def texts(what: str, values: Any) -> list[str]:
+    """Return a list or another iterable of texts as a list, None as an empty one; else raise a `UserError`."""
+    if values is None:
+        return []
+    if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
+        raise UserError(f"{what}: {_brief(values)} is not allowed; a list of texts")
+    found = list(values)
+    for one in found:
+        if not isinstance(one, str):
+            raise UserError(f"{what}: {_brief(one)} in it is not allowed; a list of texts")
+    return found
+
+
+def one_line(message: str) -> str:
+    """Return a message without line ends and control characters, and a long one without its middle."""
+    shown = "".join(c if c.isprintable() else " " if c.isspace() else f"\\x{ord(c):02x}" for c in message)
+    if len(shown) <= _LONGEST:
+        return shown
+    return f"{shown[: _LONGEST // 2]} ... {shown[-_LONGEST // 2 :]}"
+
+
+def _brief(value: Any) -> str:
+    """Return a value of the wrong type on a short line."""
+    kind, shown = type(value).__name__, " ".join(repr(value).split())
+    return shown if len(shown) <= _BRIEF else f"an object of type {kind}"

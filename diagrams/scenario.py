@@ -8,17 +8,22 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import math
 import types
 import typing
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydrake.common.yaml import yaml_dump, yaml_load, yaml_load_typed
+import numpy as np
+from pydrake.common.yaml import yaml_dump, yaml_load_typed
 
 from diagrams.errors import UserError, choose
+from diagrams.yaml_text import LONGEST, load_yaml
+from systems.documented import Allowed, refusal
+from systems.files import Unreadable, read_text
 
-__all__ = ["apply_setting", "check", "dump", "load", "merge", "natural_name", "read_yaml"]
+__all__ = ["apply_setting", "check", "check_object", "dump", "load", "merge", "natural_name", "read_yaml"]
 
 _TAG = "_tag"
 _KEYWORDS = {"class": "class_"}  # fields whose natural name is a Python keyword
@@ -31,19 +36,17 @@ def read_yaml(source: Path | str, what: str = "scenario file") -> dict[str, Any]
     Raises
     ------
     UserError
-        If the file is missing or unreadable, or not a YAML mapping.
+        If the file is missing or unreadable, not a YAML mapping, or too large.
     """
     where = str(source) if isinstance(source, Path) else "scenario"
     try:
-        text = source.read_text(encoding="utf-8") if isinstance(source, Path) else source
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise UserError(f"{what}: {where} cannot be read ({reason})") from error
+        text = read_text(source, LONGEST) if isinstance(source, Path) else source
+    except Unreadable as error:
+        raise UserError(f"{what}: {error}") from error
     try:
-        data = yaml_load(data=text) if text else None
-    except Exception as error:  # PyYAML's own classes are not public through pydrake
-        line = " ".join(str(error).split())
-        raise UserError(f"{what}: {where} is not valid YAML ({line})") from error
+        data = load_yaml(text)
+    except ValueError as error:
+        raise UserError(f"{what}: {where} {error}") from error
     if data is None:
         return {}
     if not isinstance(data, dict):
@@ -117,7 +120,8 @@ def check(schema: Any, data: Any, path: str = "") -> None:
         concrete = [option for option in options if option is not type(None)]
         check(_pick(concrete, data, path), _untagged(data), path)
     elif dataclasses.is_dataclass(schema):
-        _check_fields(schema, data, path)
+        named = isinstance(data, Mapping) and data.get(_TAG) == "!" + getattr(schema, "__name__", "")
+        _check_fields(schema, _untagged(data) if named else data, path)
     elif typing.get_origin(schema) is list:
         if not isinstance(data, list):
             raise UserError(f"{path}: {data!r} is not allowed; a list")
@@ -127,9 +131,40 @@ def check(schema: Any, data: Any, path: str = "") -> None:
         if not isinstance(data, Mapping):
             raise UserError(f"{path}: {data!r} is not allowed; a mapping")
         for key, item in data.items():
+            if not isinstance(key, str) or not key:
+                shown = _scalar(key) if key != "" else "''"
+                raise UserError(f"{path}: the name {shown} is not allowed; text (a number in quotes)")
             check(typing.get_args(schema)[1], item, f"{path}.{key}")
     else:
         _check_primitive(schema, data, path)
+
+
+def check_object(schema: Any, scenario: Any) -> None:
+    """Check a scenario that a user made or changed in Python, as `check` does what YAML gave.
+
+    Raises
+    ------
+    UserError
+        If it is not of that class, or naming the field, the value and what is allowed.
+    """
+    if not isinstance(scenario, schema):
+        raise UserError(
+            f"scenario: {type(scenario).__name__} is not allowed; a path, or an object that "
+            f"{schema.__module__}.{schema.__qualname__} makes"
+        )
+    check(schema, _as_data(scenario))
+
+
+def _as_data(value: Any) -> Any:
+    """Return what YAML would have given for an object."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {natural_name(one.name): _as_data(getattr(value, one.name)) for one in dataclasses.fields(value)}
+        return {_TAG: "!" + type(value).__name__, **fields}
+    if isinstance(value, Mapping):
+        return {key: _as_data(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_as_data(item) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _union(schema: Any) -> tuple[Any, ...] | None:
@@ -151,6 +186,8 @@ def _pick(options: list[Any], data: Any, path: str) -> Any:
         tag = data.get(_TAG)
         if tag is None:
             return next(iter(tags.values()), options[0])
+        if not isinstance(tag, str):
+            raise UserError(f"{path}.{_TAG}: {tag!r} is not allowed; a tag such as !{next(iter(tags))}")
         return tags[choose(path, "!" + tag.lstrip("!"), ["!" + name for name in tags])[1:]]
     for option in options:
         if option in _PRIMITIVES and type(data) is option:
@@ -168,11 +205,33 @@ def _check_fields(schema: Any, data: Any, path: str) -> None:
         here = f"{path}.{key}" if path else str(key)
         field = fields[name]
         check(field.type, value, here)
-        allowed = field.metadata.get("allowed")
-        if allowed is not None and value is not None:
-            number = float(value) if field.type in (float, float | None) else value
-            if not allowed.test(number):
-                raise UserError(f"{here}: {value!r} is not allowed; {allowed.words}")
+        _check_value(field.type, value, here, name, field.metadata.get("allowed"))
+
+
+def _check_value(schema: Any, value: Any, path: str, name: str, allowed: Allowed | None) -> None:
+    """Check a value of the right type against what its field allows; the numbers of a list each."""
+    kinds = _union(schema) or (schema,)
+    if value is None:
+        return
+    if isinstance(value, list):
+        inner = next((typing.get_args(kind)[0] for kind in kinds if typing.get_origin(kind) is list), None)
+        for i, item in enumerate(value):
+            _check_value(inner, item, f"{path}.{i}", name, allowed)
+        return
+    # of a field that may be text, too, only what is a number is one
+    reads_as_number = float in kinds and (str not in kinds or isinstance(value, float))
+    number = _finite(value) if reads_as_number and not isinstance(value, bool) else value
+    words = refusal(number, name, allowed)
+    if words is not None:
+        raise UserError(f"{path}: {value!r} is not allowed; {words}")
+
+
+def _finite(value: Any) -> float:
+    """Return a number; one that is too large for a float is infinite."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
 
 
 def natural_name(name: str) -> str:
@@ -271,7 +330,7 @@ def _dump_item(head: str, item: Any, depth: int, comments: bool, note: str, line
         lines.append(f"{head}{note}" if item else f"{head} {{}}{note}")
         inner = typing.get_args(kind)[1] if typing.get_args(kind) else None
         for key, value in item.items():
-            _dump_item(f"{pad}  {key}:", value, depth + 1, comments, "", lines, inner)
+            _dump_item(f"{pad}  {_scalar(key)}:", value, depth + 1, comments, "", lines, inner)
     elif isinstance(item, list) and any(dataclasses.is_dataclass(part) for part in item):
         lines.append(f"{head}{note}")
         inner = typing.get_args(kind)[0]
@@ -293,6 +352,11 @@ def _scalar(item: Any) -> str:
     if isinstance(item, list):
         return "[" + ", ".join(_scalar(part) for part in item) + "]"
     if isinstance(item, str):
-        plain = item.replace("_", "").replace("-", "").isalnum() and not item[:1].isdigit()
-        return item if plain and item.lower() not in ("true", "false", "null", "yes", "no", "on", "off") else repr(item)
+        plain = item.replace("_", "").replace("-", "").isalnum() and item[:1].isalpha()
+        if plain and item.lower() not in ("true", "false", "null", "yes", "no", "on", "off", "y", "n"):
+            return item
+        if item.isprintable():
+            return "'" + item.replace("'", "''") + "'"
+        safe = (c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in item)
+        return '"' + "".join(safe) + '"'
     return str(item)

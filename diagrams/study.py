@@ -6,8 +6,8 @@ import dataclasses
 import math
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
 
 from diagrams.bounds import StudyBounds
-from diagrams.catalogue import load_scenario, select_estimators, split_name
+from diagrams.catalogue import resolve_scenario, select_estimators, split_name
 from diagrams.catalogue import system as find_system
 from diagrams.errors import UserError, choose
 from diagrams.progress import Progress
@@ -82,7 +82,7 @@ class Study:
         chunk: int | None = None,
     ) -> None:
         name, in_name = split_name(system)
-        variant = variant or in_name
+        variant = split_name(f"{name}:{variant}")[1] if variant else in_name
         for what, value, least in (
             ("trials", trials, 1),
             ("first-trial", first_trial, 0),
@@ -93,11 +93,7 @@ class Study:
             if not isinstance(value, int | np.integer) or isinstance(value, bool) or not least <= value < 2**53:
                 raise UserError(f"{what}: {value!r} is not allowed; a whole number >= {least}")
         choose("keep", keep, KEEP)
-        settings = [f"{k}={v}" for k, v in set.items()] if isinstance(set, Mapping) else list(set or ())
-        if scenario is None or isinstance(scenario, str | Path):
-            scenario = load_scenario(name, variant, scenario, settings)
-        elif settings:
-            raise UserError("set: it cannot be combined with a scenario object; change its fields instead")
+        scenario = resolve_scenario(name, variant, scenario, set)
         scenario = dataclasses.replace(scenario, estimators=dict(scenario.estimators))
         chosen = select_estimators(scenario, estimators)
         scenario.estimators = {key: scenario.estimators[key] for key in chosen}
@@ -125,13 +121,8 @@ class Study:
 
     def wire(self, trials: int) -> tuple[Wired, DiagramBuilder, dict[str, Score]]:
         """Return the wired diagram under construction for a batch of trials, and its scores."""
-        request, builder = self.request, DiagramBuilder()
-        try:
-            wired = self.system.wire(builder, request.scenario, request.estimators, trials)
-        except UserError:
-            raise
-        except ValueError as error:  # a block says what is wrong with its arguments in the user's words
-            raise UserError(str(error)) from error
+        builder = DiagramBuilder()
+        wired = self._wired(builder, trials)
         truth_trials, size = wired.truth.get_system().output_size(wired.truth.get_name())
         scores = {}
         for name, estimator in wired.estimators.items():
@@ -145,10 +136,25 @@ class Study:
     def diagram(self, trials: int = 1) -> tuple[Diagram, Wired]:
         """Return the diagram without scores and recorder: what is drawn, and what a user continues from."""
         builder = DiagramBuilder()
-        wired = self.system.wire(builder, self.request.scenario, self.request.estimators, trials)
+        wired = self._wired(builder, trials)
         diagram = builder.Build()
         diagram.set_name(self.request.system)
         return diagram, wired
+
+    def _wired(self, builder: DiagramBuilder, trials: int) -> Wired:
+        try:
+            with self._blaming():
+                wired = self.system.wire(builder, self.request.scenario, self.request.estimators, trials)
+        except UserError:
+            raise
+        except ValueError as error:  # a block says what is wrong with its arguments in the user's words
+            raise UserError(str(error)) from error
+        blocks = [block.get_name() for block in builder.GetSystems()]
+        blocks += ["recorder", "course", *(f"score_{name}" for name in wired.estimators)]
+        for name in wired.estimators:
+            if blocks.count(name) > 1:
+                raise UserError(f"estimators: the name {name} is not allowed; another block of the diagram has it")
+        return wired
 
     def _signals(
         self, wired: Wired, scores: Mapping[str, Score] | None = None
@@ -195,7 +201,8 @@ class Study:
                 times, signals = recorder.result(context)
                 path = signals if request.every == 1 else recorders[1].result(context)[1]
                 present = np.isfinite(path["sensed"].swapaxes(0, 1)[:count])
-                bounds.add(path["truth"].swapaxes(0, 1)[:count], self._carriers(path, count), count, present)
+                with self._blaming():
+                    bounds.add(path["truth"].swapaxes(0, 1)[:count], self._carriers(path, count), count, present)
                 chunk = self._dataset(times, signals, wired, request.first_trial + done, count)
                 if done + count == request.trials:
                     kept = np.isin(bounds.times, times)
@@ -225,23 +232,35 @@ class Study:
 
         simulator.set_monitor(monitor)
         try:
-            simulator.Initialize()
-            # rounding may put the last tick a bit after the end: 3 * 0.1 > 0.3
-            simulator.AdvanceTo(max(wired.duration, *wired.clock.ticks(wired.duration)[-1:]))
-        except Exception as error:
-            self._blame_users_class(error)
-            raise
+            with self._blaming():
+                simulator.Initialize()
+                # rounding may put the last tick a bit after the end: 3 * 0.1 > 0.3
+                simulator.AdvanceTo(max(wired.duration, *wired.clock.ticks(wired.duration)[-1:]))
         finally:
             simulator.clear_monitor()
         return context
 
-    def _blame_users_class(self, error: Exception) -> None:
+    @contextmanager
+    def _blaming(self) -> Iterator[None]:
+        """Turn whatever a user's own class raises, sys.exit too, into a `UserError` that names it."""
+        try:
+            yield
+        except (KeyboardInterrupt, UserError):
+            raise
+        except BaseException as error:
+            self._blame_users_class(error)
+            raise
+
+    def _blame_users_class(self, error: BaseException) -> None:
         """Raise a `UserError` if a user's own estimator class failed: its block is on the way to the error."""
         for frame, _ in traceback.walk_tb(error.__traceback__):
             block = frame.f_locals.get("self")
             if not isinstance(block, Estimator):
                 continue
-            name = block.get_name()
+            try:
+                name = block.get_name()
+            except Exception:  # Drake has not made it yet: `Custom.make` has named it already
+                continue
             options = self.request.scenario.estimators.get(name)
             if isinstance(options, Custom):
                 raise UserError(options.blame(name, error)) from error

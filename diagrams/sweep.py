@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from diagrams.bootstrap import PairedBootstrap, Replicates, interval, log_ratio
 from diagrams.catalogue import load_scenario, split_name
 from diagrams.compare import ComparedStudy, entry, nearest_epoch, nees_entry, plain
-from diagrams.errors import UserError, choose
+from diagrams.errors import UserError, choose, texts
 from diagrams.metrics import diverged, errors
 from diagrams.scenario import natural_name
 from diagrams.study import join
@@ -149,7 +149,7 @@ class Sweep:
         if isinstance(trials, int) and trials == 1:
             raise UserError("trials: 1 is not allowed; intervals over trials need at least 2")
         name, in_name = split_name(system)
-        settings = list(set or ())
+        settings = texts("set", set)
         base = load_scenario(name, variant or in_name, scenario, settings)
         kind = _numeric_kind(base, self.vary.key)
         if kind is int and any(value != int(value) for value in self.vary.values):

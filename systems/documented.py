@@ -5,15 +5,74 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["Allowed", "choice", "count", "documented", "number", "text"]
+__all__ = ["Allowed", "choice", "count", "documented", "number", "refusal", "text"]
+
+_LARGEST = {
+    "s": 1e9,
+    "ms": 1e9,
+    "us": 1e12,
+    "ns": 1e12,
+    "m": 1e12,
+    "km": 1e9,
+    "m2": 1e6,
+    "mps": 299792458.0,
+    "kmps": 299792.458,
+    "kmph": 1e9,
+    "degps": 1e6,
+    "mps2": 1e6,
+    "m2ps2": 1e12,
+    "m2ps3": 1e12,
+    "m3ps2": 1e17,
+    "radps": 1e3,
+    "hz": 1e12,
+    "mhz": 1e6,
+    "mbd": 1e6,
+    "ghz": 1e6,
+    "deg": 1e6,
+    "db": 300.0,
+    "kgps": 1e6,
+    "kn": 1e6,
+    "t": 1e6,
+}
+"""Largest magnitudes by the unit that ends a field's name: far beyond what is built, flies or is measured on and near
+the Earth (the gravitational parameter is Jupiter's), and small enough that squares and quotients stay finite."""
+
+_LARGEST_OTHER = 1e12
+_SMALLEST_DIVISOR = 1e-15  # it may be squared before
+_LARGEST_COUNT = 1_000_000
 
 
 @dataclass(frozen=True)
 class Allowed:
-    """What a field may be: a test, and the same in words."""
+    """What a field may be: a test, the same in words, and for a number whether it is divided by (> 0)."""
 
     test: Callable[[Any], bool]
     words: str
+    divisor: bool = False
+
+
+def refusal(value: Any, name: str, allowed: Allowed | None) -> str | None:
+    """Return what a field may be, in words, where a value is not that; None where it is.
+
+    Parameters
+    ----------
+    value : Any
+        Of the field's type.
+    name : str
+        Of the field; what follows its last underscore is the unit of a number.
+    allowed : Allowed, optional
+        What the field itself says.
+    """
+    if allowed is not None and not allowed.test(value):
+        return allowed.words
+    if not isinstance(value, float):
+        return None
+    largest = _LARGEST.get(name.rpartition("_")[2], _LARGEST_OTHER)
+    if not abs(value) <= largest:
+        return f"a finite number, at most {largest:g} in size"
+    if allowed is not None and allowed.divisor and value < _SMALLEST_DIVISOR:
+        return f"{allowed.words}, at least {_SMALLEST_DIVISOR:g}"
+    return None
 
 
 def documented(
@@ -51,15 +110,13 @@ def number(
             and (at_most is None or value <= at_most)
         )
 
-    return documented(doc, default, allowed=Allowed(test, words))
+    return documented(doc, default, allowed=Allowed(test, words, divisor=above == 0))
 
 
-def count(doc: str, default: int, *, at_least: int = 1, at_most: int | None = None) -> Any:
+def count(doc: str, default: int, *, at_least: int = 1, at_most: int = _LARGEST_COUNT) -> Any:
     """Return a field for a whole number, with limits."""
-    words = f"a whole number >= {at_least}" + ("" if at_most is None else f" and <= {at_most}")
-    return documented(
-        doc, default, allowed=Allowed(lambda v: v >= at_least and (at_most is None or v <= at_most), words)
-    )
+    words = f"a whole number >= {at_least} and <= {at_most}"
+    return documented(doc, default, allowed=Allowed(lambda v: at_least <= v <= at_most, words))
 
 
 def choice(doc: str, default: str, options: tuple[str, ...]) -> Any:

@@ -32,7 +32,11 @@ ESTIMATORS: dict[str, str] = {
 
 def in_one_line(error: BaseException) -> str:
     """Return kind and text of an error in a user's code."""
-    return " ".join(f"{type(error).__name__}: {error}".split())
+    try:
+        text = str(error)
+    except Exception:  # the class of the error may be the user's, too
+        text = ""
+    return " ".join(f"{type(error).__name__}: {text}".split()).removesuffix(":")
 
 
 def locate(path: str) -> Any:
@@ -50,11 +54,15 @@ def locate(path: str) -> Any:
         found = importlib.import_module(module)
     except ImportError as error:
         raise ValueError(f"class: {path} cannot be imported ({error})") from error
-    except (Exception, SystemExit) as error:  # whatever a user's file does while it is read
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a user's file does while it is read, sys.exit too
         raise ValueError(f"class: {path} cannot be imported ({in_one_line(error)})") from error
     try:
         return getattr(found, name)
-    except AttributeError as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a module may have a __getattr__ of its own
         raise ValueError(f"class: module {module} has no {name}") from error
 
 

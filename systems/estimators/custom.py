@@ -4,6 +4,7 @@ import sys
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from systems.documented import documented, text
 from systems.estimators.base import Estimator, Wiring
@@ -38,6 +39,20 @@ class Custom(EstimatorOptions):
             If the class cannot be found, is neither kind, refuses the options, or fails.
         """
         kind = locate(self.class_)
+        try:
+            return self._made(kind, name, model, motion, start, wiring)
+        except KeyboardInterrupt:
+            raise
+        except TypeError as error:
+            raise ValueError(f"estimators.{name}.options: {self.class_} says: {in_one_line(error)}") from error
+        except BaseException as error:  # whatever a user's class does while it is made, sys.exit too
+            if isinstance(error, ValueError) and not self._lines(error):
+                raise  # a block of ours says what is wrong with its arguments
+            raise ValueError(self.blame(name, error)) from error
+
+    def _made(
+        self, kind: Any, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring
+    ) -> Estimator:
         if not isinstance(kind, type) or not issubclass(kind, Estimator | GaussianFilter):
             raise ValueError(
                 f"estimators.{name}.class: {self.class_} is not allowed; a subclass of "
@@ -47,20 +62,18 @@ class Custom(EstimatorOptions):
         lacking = [m for m in dir(kind) if getattr(getattr(kind, m, None), "__isabstractmethod__", False)]
         if lacking:
             raise ValueError(f"estimators.{name}.class: {self.class_} lacks {', '.join(lacking)}")
-        try:
-            if issubclass(kind, GaussianFilter):
-                return KalmanEstimator(name, kind(**self.options), model, motion, start, wiring)
-            return kind(name, model, motion, start, wiring, **self.options)
-        except TypeError as error:
-            raise ValueError(f"estimators.{name}.options: {self.class_} says: {error}") from error
-        except ValueError:
-            raise
-        except Exception as error:  # whatever a user's class does while it is made
-            raise ValueError(self.blame(name, error)) from error
+        if issubclass(kind, GaussianFilter):
+            return KalmanEstimator(name, kind(**self.options), model, motion, start, wiring)
+        return kind(name, model, motion, start, wiring, **self.options)
 
-    def blame(self, name: str, error: Exception) -> str:
+    def blame(self, name: str, error: BaseException) -> str:
         """Return in one line what the class raised, and where in its file."""
-        file = getattr(sys.modules.get(self.class_.partition(":")[0]), "__file__", None)
-        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
-        where = f" ({Path(file).name}, line {lines[-1]})" if file and lines else ""
+        lines = self._lines(error)
+        where = f" ({lines[-1][0]}, line {lines[-1][1]})" if lines else ""
         return f"estimators.{name}.class: {self.class_} failed with {in_one_line(error)}{where}"
+
+    def _lines(self, error: BaseException) -> list[tuple[str, int | None]]:
+        """Return where in the class's file an error was on its way, the innermost place last."""
+        file = getattr(sys.modules.get(self.class_.partition(":")[0]), "__file__", None)
+        frames = traceback.extract_tb(error.__traceback__)
+        return [(Path(file).name, frame.lineno) for frame in frames if file and frame.filename == file]

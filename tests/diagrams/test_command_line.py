@@ -134,7 +134,7 @@ MISTAKES = [
     (["run", "three_satellite", "--set", "truth.sigma_tdoa_ns=.nan"], "truth.sigma_tdoa_ns"),
     (["run", "three_satellite", "--scenario", "absent.yaml"], "absent.yaml"),
     (["run", "three_satellite", "--keep", "nothing"], "keep: nothing"),
-    (["run", "three_satellite", "--set", "duration_s=1e12"], "duration_s: 1e+12"),
+    (["run", "three_satellite", "--set", "duration_s=1e8"], "duration_s: 1e+08"),
     (["run", "dual_satellite:signal", "--set", "sensing.snr_main_db=-400"], "sensing.snr_main_db: -400"),
     (["run", "dual_satellite:signal", "--set", "sensing.waveform.symbol_rate_mbd=1e-6"], "sensing.waveform: a band"),
     (["run", "--from", "nowhere"], "nowhere"),
