@@ -21,6 +21,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from diagrams.errors import choose
 from diagrams.locards_data import LocardsSet, Track, read_sets
 from diagrams.locards_scores import METHODS, Scores, score
+from diagrams.locards_settings import FALLBACK_M, LEAST_M, Settings
+from diagrams.locards_sigma import LEAST_MESSAGES, residual_sigma
 from diagrams.progress import Progress
 from diagrams.replay import Dataset
 from diagrams.tables import Column, Table
@@ -54,57 +56,6 @@ Array = NDArray[np.float64]
 
 _EVERY, _MANY = "all", "5+"
 _CRUISE = 10e3  # m; for the air, where no altitude is reported
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the estimators believe, and what is tried out.
-
-    Parameters
-    ----------
-    estimator : str
-        Name in the registry.
-    sigma_tdoa_m : float
-        Standard deviation of a time difference, as a length [m]. The scatter about the aircraft's own positions is 38
-        to 45 m; that includes the age of those positions, and hides tails.
-    sigma_altitude_m : float
-        Of the barometric altitude taken for the height above the ellipsoid [m]. The two differ by the weather and by
-        the geoid: -100 to +220 m in these sets, by 110 to 130 m in the median.
-    acceleration_density_m2ps3 : float
-        White-noise acceleration [m^2/s^3].
-    sigma_velocity_mps : float
-        Of the velocity per axis at the start [m/s].
-    false_alarm : float
-        Of the gate.
-    gap_s : float
-        An aircraft that was silent for longer begins a new track, which is a run of its own [s]: after two minutes an
-        airliner may be 30 km from its first fix, as far as receivers are from each other, and an undamped iteration no
-        longer finds back from there.
-    air : bool
-        Correct for the refractive index of the air, which is worth 0.17 m per kilometre.
-    fault_m, fault_share : float
-        A second trial of every run hears the same messages with an error of so many metres, of either sign, at one
-        receiver of this share of the messages; 0: there is no such trial.
-    seed : int
-        Which messages and receivers.
-    """
-
-    estimator: str = "iekf"
-    sigma_tdoa_m: float = 40.0
-    sigma_altitude_m: float = 150.0
-    acceleration_density_m2ps3: float = 1.0
-    sigma_velocity_mps: float = 200.0
-    false_alarm: float = 1e-3
-    gap_s: float = 120.0
-    air: bool = True
-    fault_m: float = 3000.0
-    fault_share: float = 0.2
-    seed: int = 0
-
-    @property
-    def trials(self) -> int:
-        """As recorded, and with faults."""
-        return 2 if self.fault_share > 0 else 1
 
 
 def recording(track: Track, settings: Settings, rng: np.random.Generator | None = None) -> Recording:
@@ -156,11 +107,14 @@ class Built:
         Where a run chooses its track.
     recorder : Recorder
         Signals ``gate``, ``no_gate`` (estimates) and ``excluded``.
+    sigma_tdoa : float
+        What is believed of a time difference, as a length [m].
     """
 
     diagram: Diagram
     recorded: RecordedMeasurements
     recorder: Recorder
+    sigma_tdoa: float
 
 
 def build(recordings: Sequence[Recording], settings: Settings) -> Built:
@@ -171,12 +125,15 @@ def build(recordings: Sequence[Recording], settings: Settings) -> Built:
     recordings : sequence of Recording
         See `recording`.
     settings : Settings
-        What is believed.
+        What is believed; where it leaves sigma open, the recordings as a whole tell it.
     """
     builder = DiagramBuilder()
     recorded = builder.AddSystem(RecordedMeasurements(recordings))
     trials, platforms = recorded.trials, recorded.platforms
-    tdoa = Tdoa(settings.sigma_tdoa_m / SPEED_OF_LIGHT, range(1, platforms), correlated=True)
+    sigma = settings.sigma_tdoa_m or (
+        residual_sigma(recordings, FALLBACK_M, settings.sigma_altitude_m, LEAST_M) or FALLBACK_M
+    )
+    tdoa = Tdoa(sigma / SPEED_OF_LIGHT, range(1, platforms), correlated=True)
     model = Stack([tdoa, Altitude(settings.sigma_altitude_m)])
     gate = builder.AddSystem(
         ArrivalGate(model, tdoa, trials, platforms, height="altitude", false_alarm=settings.false_alarm)
@@ -207,7 +164,7 @@ def build(recordings: Sequence[Recording], settings: Settings) -> Built:
         "excluded": gate.GetOutputPort("excluded"),
     }
     recorder = record(builder, signals, recorded.clock)
-    return Built(builder.Build(), recorded, recorder)
+    return Built(builder.Build(), recorded, recorder, sigma)
 
 
 def run_track(built: Built, track: int) -> dict[str, Array]:
@@ -241,18 +198,26 @@ def replay_set(data: LocardsSet, settings: Settings, bar: Progress | None = None
         pieces = split(track, settings.gap_s)
         parts += pieces
         sizes += [len(track.times)] * len(pieces)
-    built = build([recording(part, settings, rng) for part in parts], settings)
+    recordings = [recording(part, settings, rng) for part in parts]
+    # A diagram each: sigma is estimated from what is heard in that trial, faults included.
+    built = [build([_trial(one, k) for one in recordings], settings) for k in range(settings.trials)]
+    sigma = np.array([one.sigma_tdoa for one in built])
     scores = []
     for i, (part, size) in enumerate(zip(parts, sizes, strict=True)):
-        signals = run_track(built, i)
+        runs = [run_track(one, i) for one in built]
+        signals = {name: np.concatenate([one[name] for one in runs], axis=1) for name in runs[0]}
         refused = signals["excluded"][..., 0] == REFUSED
         estimates = np.stack([signals["gate"], signals["no_gate"]])[..., :3]
         estimates[0][refused] = np.nan
-        scores.append(score(part, size, estimates, signals["excluded"][..., 0]))
+        scores.append(score(part, size, estimates, signals["excluded"][..., 0], sigma))
         done += len(part.times)
         if bar is not None:
             bar.update(done)
     return Scores.join(scores)
+
+
+def _trial(recorded: Recording, trial: int) -> Recording:
+    return Recording(recorded.times, recorded.measurement[:, trial], recorded.platforms[:, 0])
 
 
 @dataclass(frozen=True)
@@ -314,10 +279,31 @@ class LocardsReplay:
                 f"{np.nanpercentile(ahead, 90):.0f} m, and {np.nanmedian(scores.along[0, :, 0]):+.0f} m in the median: "
                 "the positions that aircraft report are a fraction of a second old"
             )
+        lines += self._sigmas()
+        if not scores.known.all():
+            fixed = np.isfinite(scores.fix[~scores.known]).all(axis=-1)
+            lines.append(
+                f"{fixed.size} of {scores.known.size} messages report no position, which nothing here can judge; they "
+                f"are not in the table. {100 * fixed.mean():.3g} % of them have a fix with the gate"
+            )
         if self.settings.trials > 1:
             lines.append(
                 f"faults: {self.settings.fault_m:g} m added at one receiver in "
                 f"{100 * self.settings.fault_share:g} % of the messages"
+            )
+        return lines
+
+    def _sigmas(self) -> list[str]:
+        believed = [f"{data.name} {one.sigma[0, 0]:.0f}" for data, one in zip(self.sets, self.scores, strict=True)]
+        if self.settings.sigma_tdoa_m:
+            return [f"sigma of a time difference: {self.settings.sigma_tdoa_m:g} m, as it was set"]
+        lines = [
+            f"sigma of a time difference, from the residuals of each set as a whole: {', '.join(believed)} m",
+        ]
+        guessed = [d.name for d, one in zip(self.sets, self.scores, strict=True) if one.sigma[0, 0] == FALLBACK_M]
+        if guessed:
+            lines.append(
+                f"{', '.join(guessed)}: fewer than {LEAST_MESSAGES} messages tell no sigma; {FALLBACK_M:g} m is assumed"
             )
         return lines
 
@@ -328,6 +314,13 @@ class LocardsReplay:
         for name, who, row in self.groups():
             place = result if name in ("all sets", "faults") else result["sets"]
             place.setdefault(name.replace(" ", "_"), {})[keys[who]] = row
+        for data, scores in zip(self.sets, self.scores, strict=True):
+            result["sets"][data.name]["sigma_tdoa_m"] = float(scores.sigma[0, 0])
+        silent = ~self.all.known
+        result["without_position"] = {
+            "messages": int(np.count_nonzero(silent)),
+            "with_fix": int(np.count_nonzero(np.isfinite(self.all.fix[silent]).all(axis=-1))),
+        }
         return result
 
     def draw(self, folder: Path) -> list[Path]:
@@ -371,4 +364,5 @@ DATASET = Dataset(
     source="LocaRDS, doi 10.3390/s21165516, https://zenodo.org/record/4739276 (these example files: lschoe/mpyc, "
     "demos/data/mlat)",
     run=run,
+    settings=Settings,
 )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.locards_data import Track
-from systems.frames import enu_rotation, geodetic_to_ecef
+from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 
 __all__ = ["METHODS", "Scores", "headings", "score"]
 
@@ -40,6 +40,10 @@ class Scores:
         Whether the aircraft has reported a position.
     size : ndarray of int, shape (messages,)
         Messages of the same aircraft in the set.
+    fix : ndarray, shape (messages, 2)
+        Latitude and longitude of the fix with the gate, as recorded [rad]; NaN where there is none.
+    sigma : ndarray, shape (messages, trials)
+        What was believed of a time difference, as a length [m].
     """
 
     error: Array
@@ -48,6 +52,8 @@ class Scores:
     place: Array
     known: NDArray[np.bool_]
     size: NDArray[np.int_]
+    fix: Array
+    sigma: Array
 
     @staticmethod
     def join(parts: Sequence[Scores]) -> Scores:
@@ -127,7 +133,7 @@ def headings(track: Track) -> Array:
     return np.where(speed >= _SLOWEST, velocity / np.maximum(speed, _SLOWEST), np.nan)
 
 
-def score(track: Track, size: int, estimates: Array, excluded: Array) -> Scores:
+def score(track: Track, size: int, estimates: Array, excluded: Array, sigma: Array) -> Scores:
     """Compare estimates with the reported positions.
 
     Parameters
@@ -140,12 +146,22 @@ def score(track: Track, size: int, estimates: Array, excluded: Array) -> Scores:
         Earth-fixed positions of the two `METHODS`; NaN where there is no fix.
     excluded : ndarray, shape (messages, trials)
         What the gate left out.
+    sigma : ndarray, shape (trials,)
+        What was believed of a time difference [m].
     """
     latitude, longitude, height = track.reported.T
     # the height only carries the vertical part of the error, which is not looked at
     place = geodetic_to_ecef(latitude, longitude, np.where(np.isfinite(height), height, track.altitude))
     local = np.einsum("mij,kmtj->kmti", enu_rotation(latitude, longitude), estimates - place[:, None])
     known = np.all(np.isfinite(place), axis=-1)
+    messages = len(track.times)
     return Scores(
-        local[..., :2], headings(track), excluded, track.reported[:, :2], known, np.full(len(track.times), size)
+        local[..., :2],
+        headings(track),
+        excluded,
+        track.reported[:, :2],
+        known,
+        np.full(messages, size),
+        np.stack(ecef_to_geodetic(estimates[0, :, 0])[:2], axis=-1),
+        np.broadcast_to(sigma, (messages, *sigma.shape)),
     )

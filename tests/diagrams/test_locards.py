@@ -1,5 +1,6 @@
 """Replay of LocaRDS: reading, running, scoring."""
 
+import csv
 import json
 import math
 import shutil
@@ -12,12 +13,14 @@ from diagrams.errors import UserError
 from diagrams.locards import LocardsReplay, Settings, build, recording, replay_set, run, run_track, split
 from diagrams.locards_data import read_receivers, read_sets
 from diagrams.locards_scores import METHODS, Scores, headings
+from diagrams.locards_sigma import residual_sigma
 from diagrams.replay import REPLAYS, data_folder, replay
 from systems.estimators.arrival_gate import KEPT
-from systems.frames import ecef_to_geodetic, geodetic_state
+from systems.frames import ecef_to_geodetic, geodetic_state, geodetic_to_ecef
 from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.refractivity import mean_refractivity
 from systems.registry import locate
+from systems.sensors.recorded import Recording
 from systems.signals import leaf_systems
 from tests.fitting import check_fits
 
@@ -99,7 +102,7 @@ def test_fewer_receivers_leave_rows_empty(folder):
     write_set(folder, GOOD, other)
     full, short = read_sets(folder)[0].tracks
     assert np.isfinite(full.platforms).all() and np.isnan(short.platforms[0, 3:]).all()
-    rows = recording(short, Settings(fault_share=0)).measurement[0, 0]
+    rows = recording(short, Settings()).measurement[0, 0]
     assert list(np.isfinite(rows)) == [True, True, False, False, False]
 
 
@@ -164,14 +167,14 @@ def test_the_folder_is_found_or_the_ways_to_name_it_are(folder, monkeypatch):
 
 def test_exact_arrivals_give_exact_tracks(simulated):
     [data] = read_sets(simulated)
-    scores = replay_set(data, Settings(fault_share=0))
+    scores = replay_set(data, Settings())
     # 1 ns is 0.3 m; one refractivity for all receivers is good to 10 % of 17 m in a hundred kilometres; the second
     # message of a track is drawn back by the velocity, which is thought to be zero at first
     assert np.all(scores.horizontal < 30.0) and np.median(scores.horizontal) < 2.0
     assert np.all(scores.excluded == KEPT)
     assert list(scores.many) == [False] * 4 + [True] * 7
     assert scores.summary(0)["gate"]["share_with_fix"] == 1.0
-    without_air = replay_set(data, Settings(fault_share=0, air=False))
+    without_air = replay_set(data, Settings(air=False))
     assert np.median(without_air.horizontal) > 3 * np.median(scores.horizontal)
 
 
@@ -184,7 +187,7 @@ def test_a_silent_aircraft_begins_a_new_track(simulated):
 
 def test_a_track_does_not_depend_on_which_ran_before(simulated):
     [data] = read_sets(simulated)
-    settings = Settings(fault_share=0)
+    settings = Settings()
     parts = [part for track in data.tracks for part in split(track, settings.gap_s)]
     together = build([recording(part, settings) for part in parts], settings)
     first = run_track(together, 2)
@@ -200,7 +203,7 @@ def test_a_track_does_not_depend_on_which_ran_before(simulated):
 
 def test_what_the_aircraft_says_of_its_place_reaches_no_block(simulated):
     [data] = read_sets(simulated)
-    settings = Settings()
+    settings = Settings(fault_m=3000)
     for track in data.tracks:
         said = recording(track, settings, np.random.default_rng(0))
         track.reported[:] = np.nan
@@ -223,11 +226,11 @@ def test_the_diagram_has_no_truth_and_feeds_back_only_the_prediction(simulated):
 
 def test_faults_are_in_the_second_trial_only(simulated):
     [data] = read_sets(simulated)
-    settings = Settings(fault_share=0.5, air=False)
+    settings = Settings(fault_m=3000, fault_share=0.5, air=False)
     spoiled, differences = 0, []
     for track in data.tracks:
         rows = recording(track, settings, np.random.default_rng(3)).measurement
-        plain = recording(track, Settings(fault_share=0, air=False)).measurement
+        plain = recording(track, Settings(air=False)).measurement
         np.testing.assert_array_equal(rows[:, 0], plain[:, 0])
         change = np.abs(rows[:, 1] - rows[:, 0])[:, :4] * SPEED_OF_LIGHT
         spoiled += np.count_nonzero(change.max(axis=1) > 0)
@@ -238,7 +241,7 @@ def test_faults_are_in_the_second_trial_only(simulated):
 
 def test_other_estimators_by_name(simulated):
     [data] = read_sets(simulated)
-    scores = replay_set(data, Settings(estimator="ukf", fault_share=0))
+    scores = replay_set(data, Settings(estimator="ukf"))
     assert np.nanmax(scores.horizontal) < 20
     with pytest.raises(UserError, match="estimator: nobody is not known"):
         replay_set(data, Settings(estimator="nobody"))
@@ -257,7 +260,14 @@ def test_heading_and_its_components(simulated):
     )
     error = np.array([3.0, 4.0]) * np.ones((2, 7, 1, 2))
     scores = Scores(
-        error, np.tile([1.0, 0.0], (7, 1)), np.zeros((7, 1)), np.zeros((7, 2)), np.ones(7, bool), np.ones(7, int)
+        error,
+        np.tile([1.0, 0.0], (7, 1)),
+        np.zeros((7, 1)),
+        np.zeros((7, 2)),
+        np.ones(7, bool),
+        np.ones(7, int),
+        np.zeros((7, 2)),
+        np.ones((7, 1)),
     )
     assert np.all(scores.horizontal == 5) and np.all(scores.along == 3) and np.all(scores.across == -4)
     assert np.isnan(headings(track.part(slice(0, 1)))).all()
@@ -267,7 +277,14 @@ def test_percentiles_count_only_what_has_a_fix():
     error = np.full((2, 5, 1, 2), np.nan)
     error[0, :4, 0] = [[1, 0], [0, 2], [3, 0], [0, 4]]
     scores = Scores(
-        error, np.full((5, 2), np.nan), np.zeros((5, 1)), np.zeros((5, 2)), np.ones(5, bool), np.array([5, 5, 1, 1, 1])
+        error,
+        np.full((5, 2), np.nan),
+        np.zeros((5, 1)),
+        np.zeros((5, 2)),
+        np.ones(5, bool),
+        np.array([5, 5, 1, 1, 1]),
+        np.zeros((5, 2)),
+        np.ones((5, 1)),
     )
     everything, many = scores.summary(0), scores.summary(0, scores.many)
     assert everything["messages"] == 5 and many["messages"] == 2
@@ -281,7 +298,7 @@ def test_percentiles_count_only_what_has_a_fix():
 
 def test_table_summary_and_figures(simulated, tmp_path, capsys):
     write_set(simulated, GOOD, name="set_2.csv")
-    result = replay("locards", data=simulated.parent, out=tmp_path / "out", progress=False)
+    result = replay("locards", data=simulated.parent, out=tmp_path / "out", progress=False, settings=["fault_m=3000"])
     printed = capsys.readouterr().out
     for words in ("set_1", "set_2", "all sets", "faults", "with / without the gate"):
         assert words in printed
@@ -289,11 +306,58 @@ def test_table_summary_and_figures(simulated, tmp_path, capsys):
     assert files == {"summary.json", "errors.png", "along_across.png", "map.png"}
     assert min(path.stat().st_size for path in (tmp_path / "out").glob("*.png")) > 10_000
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["dataset"] == "locards" and summary["settings"]["sigma_tdoa_m"] == 40
+    assert summary["dataset"] == "locards" and summary["settings"]["sigma_tdoa_m"] == 0
+    # 11 and 1 messages tell no sigma
+    assert [one["sigma_tdoa_m"] for one in summary["sets"].values()] == [40, 40]
+    assert "set_1, set_2: fewer than 25 messages tell no sigma; 40 m is assumed" in printed
     assert summary["sets"]["set_1"]["all_aircraft"]["messages"] == 11
     assert summary["sets"]["set_1"]["five_messages_or_more"]["gate"]["p50_m"] < 10
     assert summary["all_sets"]["all_aircraft"] == result.all.summary(0)
     check_fits(result.table())
+
+
+def test_aircraft_that_report_no_position_are_located_and_drawn(simulated, tmp_path, capsys):
+    file = simulated / "set_1.csv"
+    with file.open(newline="") as stream:
+        header, *rows = csv.reader(stream)
+    for kept in (0, 5):
+        with file.open("w", newline="") as stream:
+            lines = [[*row[:3], "", "", *row[5:]] if i >= kept else row for i, row in enumerate(rows)]
+            csv.writer(stream).writerows([header, *lines])
+        result = replay("locards", data=simulated.parent, out=tmp_path / f"out{kept}", progress=False)
+        printed = capsys.readouterr().out
+        assert {path.name for path in (tmp_path / f"out{kept}").iterdir()} >= {"summary.json", "map.png", "errors.png"}
+        told = json.loads((tmp_path / f"out{kept}" / "summary.json").read_text())["without_position"]
+        silent = np.count_nonzero(~result.all.known)
+        assert silent >= 11 - kept and told == {"messages": silent, "with_fix": silent}
+        assert f"{silent} of 11 messages report no position" in printed and "100 % of them have a fix" in printed
+        assert "faults" not in printed  # only where they are asked for
+
+
+def test_sigma_is_told_by_the_residuals(folder):
+    """Exact differences with errors of 25 and 90 m at each receiver, a fifth of the messages wrong by 3 km."""
+    rng = np.random.default_rng(7)
+    receivers = np.array([place.position for place in read_receivers(folder / "sensors.csv").values()])
+    carriers = np.concatenate([receivers, np.zeros_like(receivers)], axis=1)
+    count = 400
+    targets = geodetic_to_ecef(
+        np.radians(rng.uniform(47.6, 48.4, count)), np.radians(rng.uniform(8.4, 9.6, count)), np.full(count, 9e3)
+    )
+    distance = np.linalg.norm(targets[:, None] - receivers, axis=-1)
+    height = ecef_to_geodetic(targets)[2] + rng.normal(0, 100, count)
+    for sigma in (25.0, 90.0):
+        noisy = distance + rng.normal(0, sigma / math.sqrt(2), distance.shape)
+        spoiled = noisy.copy()
+        struck = rng.random(count) < 0.2
+        spoiled[struck, rng.integers(0, 6, np.count_nonzero(struck))] += 3000.0
+        for ranges, enlarged in ((noisy, 1.0), (spoiled, 1.17)):
+            rows = np.column_stack([(ranges[:, 1:] - ranges[:, :1]) / SPEED_OF_LIGHT, height])
+            found = residual_sigma([Recording(np.arange(float(count)), rows, carriers)], 40.0, 100.0, 10.0)
+            # of 3 degrees of freedom the 62.5 % point is 1.17 times as far out as the median (standard deviations);
+            # 400 messages tell it to 3 %
+            assert found == pytest.approx(enlarged * sigma, rel=0.1)
+    few = Recording(np.arange(24.0), rows[:24], carriers)
+    assert residual_sigma([few], 40.0, 100.0, 10.0) is None
 
 
 def test_a_folder_that_cannot_be_written(simulated, tmp_path):
@@ -303,6 +367,15 @@ def test_a_folder_that_cannot_be_written(simulated, tmp_path):
 
 
 # ------------------------------------------------------------------------------------------------- recorded
+
+
+def test_sets_that_no_setting_was_tuned_to(recorded):
+    """Residuals there are twice those of the other sets: with 40 m for all, 74.5 % of the messages had a fix."""
+    result = run(recorded("locards_mlat_unseen"), progress=False)
+    row = result.all.summary(0)
+    assert row["messages"] == 153
+    assert row["gate"]["share_with_fix"] >= 0.97 and row["gate"]["p50_m"] <= 90
+    assert all(100 < scores.sigma[0, 0] < 120 for scores in result.scores)
 
 
 def check_recorded(result: LocardsReplay) -> None:
@@ -318,14 +391,14 @@ def test_a_recorded_set(recorded, tmp_path):
     folder.mkdir()
     for name in ("sensors.csv", "set_4.csv"):
         shutil.copy(source / name, folder / name)
-    result = run(folder, progress=False, settings=Settings(fault_share=0))
+    result = run(folder, progress=False, settings=Settings())
     assert sum(len(track.times) for track in result.sets[0].tracks) == 230 and result.sets[0].repeats == 4
     check_recorded(result)
 
 
 @pytest.mark.slow
 def test_all_recorded_sets(recorded):
-    result = run(recorded("locards_mlat"), progress=False)
+    result = run(recorded("locards_mlat"), progress=False, settings=Settings(fault_m=3000))
     assert [scores.known.size for scores in result.scores] == [352, 293, 249, 230]
     check_recorded(result)
     sound, spoiled = result.all.summary(0), result.all.summary(1)
@@ -344,7 +417,7 @@ def test_all_recorded_sets(recorded):
 @pytest.mark.slow
 @pytest.mark.parametrize("receiver", range(5))
 def test_an_error_at_a_receiver_of_recorded_messages(recorded, receiver):
-    settings = Settings(fault_share=0)
+    settings = Settings()
     moved = []
     for data in read_sets(recorded("locards_mlat")):
         tracks = [part for track in data.tracks for part in split(track, settings.gap_s) if len(part.times) >= 4]
