@@ -94,12 +94,17 @@ def draw_map(result: LocardsReplay) -> Figure:
     receivers = np.degrees(np.stack([longitude, latitude]))
     place, error = np.degrees(scores.place[:, ::-1].T), scores.horizontal[0, :, 0]
     missed = scores.known & ~np.isfinite(error)
+    silent = np.degrees(scores.fix[~scores.known, ::-1].T)
     dots = axes.scatter(*place, c=error, s=16, cmap="viridis_r", norm=LogNorm(10, 1000))
+    if silent.size:
+        axes.plot(*silent, "o", color="0.5", fillstyle="none", ms=5, label="fix; no position is reported")
     axes.plot(*place[:, missed], "x", color="#d55e00", ms=8, mew=2, label="message without a fix")
     axes.plot(*receivers, "^", color="black", ms=8, label="receiver")
     axes.set(xlabel="longitude [deg]", ylabel="latitude [deg]")
     # most is in one region; what is far from it would shrink it to a spot
-    (west, east), (south, north) = np.nanpercentile(place, [10, 90], axis=1).T
+    shown = np.concatenate([place, silent], axis=1)
+    shown = shown[:, np.isfinite(shown).all(axis=0)]
+    (west, east), (south, north) = np.percentile(shown if shown.size else receivers, [10, 90], axis=1).T
     stretch = 1 / np.cos(np.radians((south + north) / 2))
     half = 0.8 * (north - south) + 0.7
     axes.set(ylim=((south + north) / 2 - half, (south + north) / 2 + half), aspect=stretch)
