@@ -5,9 +5,10 @@ from __future__ import annotations
 import sys
 import warnings
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperCommand
 from typer.exceptions import TyperException
 
 __all__ = ["app", "main"]
@@ -26,6 +27,8 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+_WORDS = "diagrams.words"
 
 _SYSTEM = typer.Argument(metavar="SYSTEM[:VARIANT]", help="Which system; see `quietfix list`.", show_default=False)
 _SET = typer.Option("--set", metavar="KEY=VALUE", help="Change a field of the scenario; dotted key. Repeatable.")
@@ -92,10 +95,21 @@ def show(
     settings: Annotated[list[str] | None, _SET] = None,
     scenario: Annotated[Path | None, _SCENARIO] = None,
 ) -> None:
-    """Print the resolved scenario with a comment on every field, to be edited and used with --scenario."""
+    """Print the resolved scenario with a comment on every field, to be edited and used with --scenario.
+
+    Of a recording, such as locards: the settings of its replay, for `quietfix replay DATASET --set KEY=VALUE`.
+    """
     from diagrams.catalogue import load_scenario, split_name
+    from diagrams.errors import UserError
+    from diagrams.replay import REPLAYS, replay_settings
     from diagrams.scenario import dump
 
+    if system in REPLAYS:
+        if scenario is not None:
+            raise UserError(f"--scenario: {scenario} is not allowed for the recording {system}; --set KEY=VALUE")
+        print(f"# {system}: quietfix replay {system} --set KEY=VALUE")
+        print(replay_settings(system, settings or ()), end="")
+        return
     name, variant = split_name(system)
     print(f"# {system}")
     print(dump(load_scenario(name, variant, scenario, settings or [])), end="")
@@ -257,7 +271,25 @@ def sweep(
     sweep_command(system, vary, options | {"scenario": scenario}, out, overwrite)
 
 
-@app.command()
+class _ReplayHelp(TyperCommand):
+    """Help that ends with the settings of the recording that stands beside ``--help``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Keep the words: ``--help`` is answered before they are read."""
+        ctx.meta[_WORDS] = list(args)
+        return super().parse_args(ctx, args)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write the settings."""
+        from diagrams.replay import REPLAYS, replay_settings
+
+        super().format_epilog(ctx, formatter)
+        for dataset in [word for word in ctx.meta.get(_WORDS, ()) if word in REPLAYS][:1]:
+            formatter.write(f"\nSettings of {dataset}, for --set KEY=VALUE (here as they are by default):\n")
+            formatter.write("".join(f"  {line}\n" for line in replay_settings(dataset).splitlines()))
+
+
+@app.command(cls=_ReplayHelp)
 def replay(
     dataset: Annotated[str, typer.Argument(metavar="DATASET", help="Which recording; see `quietfix list`.")],
     file: Annotated[
@@ -280,7 +312,7 @@ def replay(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="For `iq`: change a setting (integration_s, half_delay_us, half_frequency_hz, low_hz, high_hz ...).",
+            help="Change a setting; `quietfix show DATASET` prints them, and so does `quietfix replay DATASET --help`.",
         ),
     ] = None,
 ) -> None:

@@ -8,7 +8,7 @@ oscillator's error as range rate with its derivatives, which start anew in every
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.optimize import least_squares
 
-from diagrams.doptrack_data import Pass, Selection, read_passes
+from diagrams.doptrack_data import Pass, read_passes
+from diagrams.doptrack_settings import Settings
 from diagrams.errors import UserError
 from diagrams.replay import Dataset
 from diagrams.tables import Column, Table
@@ -45,45 +46,6 @@ ORDERS = {"bias": 1, "bias_drift": 2, "bias_drift_rate": 3}
 
 _STATES = (("bias", "m/s"), ("drift", "m/s^2"), ("drift rate", "m/s^3"))
 _FAR = 4.0  # sigmas: a Gaussian is beyond once in 16 000 times
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the estimators believe, and what they start from.
-
-    Parameters
-    ----------
-    selection : Selection
-        Which passes are used.
-    every_s : float
-        Time between the samples that are used: what the elements leave of the satellite's motion changes slowly, and
-        samples closer to each other say the same again.
-    sigma_mps : sequence of float
-        Standard deviation of a range rate [m/s] for bias only, with drift, with drift rate: what the elements and that
-        oscillator leave of it (a first look at residuals found 205, 13 and 8).
-    freedom : float
-        Degrees of freedom of its t distribution.
-    sigma_altitude_m : float
-        Of the known altitude of the station [m].
-    sigmas : sequence of float
-        Standard deviation at the start of a pass of bias [m/s], drift [m/s^2], drift rate [m/s^3].
-    offset_km : float
-        How far off the start is.
-    offset_course_deg : float
-        And where to.
-    pause_s : float
-        After such a pause it is another pass.
-    """
-
-    selection: Selection = field(default_factory=Selection)
-    every_s: float = 20.0
-    sigma_mps: Sequence[float] = (200.0, 15.0, 10.0)
-    freedom: float = 4.0
-    sigma_altitude_m: float = 100.0
-    sigmas: Sequence[float] = (2000.0, 3.0, 0.01)
-    offset_km: float = 200.0
-    offset_course_deg: float = 45.0
-    pause_s: float = 1200.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,8 +321,8 @@ class DoptrackReplay:
         return [path]
 
 
-def _run(folder: Path, progress: bool) -> DoptrackReplay:
-    return replay_passes(read_passes(folder))
+def _run(folder: Path, progress: bool, settings: Settings) -> DoptrackReplay:
+    return replay_passes(read_passes(folder), settings)
 
 
 DATASET = Dataset(
@@ -368,4 +330,6 @@ DATASET = Dataset(
     folder="doptrack_delfic3",
     source="DopTrack/estimate at cd28508, sod_assignments/{data,metadata}.tar.xz (TU Delft)",
     run=_run,
+    holds="*.yml",
+    settings=Settings,
 )

@@ -16,7 +16,7 @@ from diagrams.instants import instant
 from systems.frames import EARTH_RATE, geodetic_to_ecef
 from systems.measurement.base import SPEED_OF_LIGHT
 
-__all__ = ["NOMINAL", "Pass", "Selection", "read_passes", "satellite_states", "teme_to_earth_fixed"]
+__all__ = ["NOMINAL", "Pass", "read_passes", "satellite_states", "teme_to_earth_fixed"]
 
 Array = NDArray[np.float64]
 
@@ -60,36 +60,6 @@ class Pass:
     predicted_elevation: float
     station: Array
     altitude: float
-
-
-@dataclass(frozen=True)
-class Selection:
-    """Which passes are used; nothing here needs to know the answer.
-
-    Parameters
-    ----------
-    elevation_deg : float
-        Least predicted largest elevation: low passes see the satellite through a lot of air, and fix little.
-    span_s : float
-        Least time from first to last sample.
-    samples : int
-        Least number of samples.
-    always : tuple of str
-        Passes that are used in any case.
-    """
-
-    elevation_deg: float = 15.0
-    span_s: float = 300.0
-    samples: int = 300
-    always: tuple[str, ...] = ()
-
-    def takes(self, one: Pass) -> bool:
-        """Return whether a pass is used."""
-        return one.name in self.always or (
-            one.predicted_elevation >= self.elevation_deg
-            and one.times[-1] - one.times[0] >= self.span_s
-            and one.times.size >= self.samples
-        )
 
 
 def teme_to_earth_fixed(position: Array, velocity: Array, julian: Array) -> Array:

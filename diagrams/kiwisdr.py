@@ -20,11 +20,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.errors import UserError
 from diagrams.iq_pairs import PairResult, add_pairs, pair_result, simulate
+from diagrams.kiwisdr_settings import Settings
 from diagrams.replay import Dataset
 from diagrams.tables import Column, Table
-from systems.ambiguity.differences import Window
-from systems.ambiguity.estimate import CrossAmbiguity
-from systems.ambiguity.prefilter import Band
 from systems.estimators.base import Wiring
 from systems.estimators.iekf import Iekf
 from systems.estimators.snapshot_start import SnapshotStart
@@ -47,49 +45,6 @@ Array = NDArray[np.float64]
 _SOURCE = "hcab14/TDoA at 2bb9dc2, iq/20200813T065220Z_77500_*_iq.wav (Christoph Mayer)"
 _STATIONS = "stations.csv"
 _AT_REST = 1e-3  # m/s; how fast a mast may be
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How the receivers are compared, and what the estimator believes.
-
-    Parameters
-    ----------
-    sample_rate_hz : float
-        Of the common base of time; the receivers' own are 12001.03 to 12001.09 Hz.
-    carrier_hz : float
-        To which the receivers were tuned.
-    integration_s : float
-        Of one comparison, and the time to the next.
-    half_band_hz : float
-        The transmitter's phase noise code (645.8 chips a second) lies within.
-    notch_hz : float
-        Half-width of the gap that takes the carrier away, which has no delay to tell.
-    half_delay_s, half_frequency_hz : float
-        Window of the search: 2 ms is 600 km; clocks set by GPS differ by millihertz.
-    sigma_altitude_m : float
-        Of the ellipsoid's surface taken for the height of transmitter and receivers.
-    """
-
-    sample_rate_hz: float = 12000.0
-    carrier_hz: float = 77500.0
-    integration_s: float = 1.0
-    half_band_hz: float = 600.0
-    notch_hz: float = 2.0
-    half_delay_s: float = 2e-3
-    half_frequency_hz: float = 2.0
-    sigma_altitude_m: float = 200.0
-
-    @property
-    def function(self) -> CrossAmbiguity:
-        """How two receivers are compared."""
-        band = Band(-self.half_band_hz, self.half_band_hz, self.notch_hz, known=False)
-        return CrossAmbiguity(prefilter=band, follow_rate=False)
-
-    @property
-    def window(self) -> Window:
-        """Where the peak is sought."""
-        return Window(0.0, 0.0, self.half_delay_s, self.half_frequency_hz)
 
 
 @dataclass(frozen=True, eq=False)
@@ -395,8 +350,10 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _run(folder: Path, progress: bool) -> KiwiReplay:
-    return locate(read_folder(folder))
+def _run(folder: Path, progress: bool, settings: Settings) -> KiwiReplay:
+    return locate(read_folder(folder), settings)
 
 
-DATASET = Dataset(name="kiwisdr", folder="kiwisdr_dcf77", source=_SOURCE, run=_run)
+DATASET = Dataset(
+    name="kiwisdr", folder="kiwisdr_dcf77", source=_SOURCE, run=_run, holds="stations.csv", settings=Settings
+)

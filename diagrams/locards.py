@@ -364,5 +364,6 @@ DATASET = Dataset(
     source="LocaRDS, doi 10.3390/s21165516, https://zenodo.org/record/4739276 (these example files: lschoe/mpyc, "
     "demos/data/mlat)",
     run=run,
+    holds="set_*.csv",
     settings=Settings,
 )

@@ -16,7 +16,7 @@ from diagrams.errors import UserError, choose
 if TYPE_CHECKING:
     from diagrams.tables import Table
 
-__all__ = ["REPLAYS", "Dataset", "Kept", "Replay", "data_folder", "replay"]
+__all__ = ["REPLAYS", "Dataset", "Kept", "Replay", "data_folder", "replay", "replay_settings"]
 
 REPLAYS: dict[str, str] = {
     "locards": "diagrams.locards:DATASET",
@@ -74,6 +74,8 @@ class Dataset:
         True: a file of the user's own is replayed, and `run` gets it instead of a folder.
     several_files : bool
         True: there may be any number of files, and `run` gets a list of them.
+    holds : str
+        A file (a pattern) by which a folder of any name is known to hold such a recording.
     settings : type, optional
         A dataclass whose fields ``--set`` changes; `run` then gets one of it as a third argument.
     """
@@ -84,10 +86,11 @@ class Dataset:
     run: Callable[..., Replay]
     takes_file: bool = False
     several_files: bool = False
+    holds: str = ""
     settings: type[Any] | None = None
 
 
-def data_folder(dataset: Kept, data: Path | str | None) -> Path:
+def data_folder(dataset: Kept, data: Path | str | None, holds: str = "") -> Path:
     """Return the folder of a recording.
 
     Parameters
@@ -96,6 +99,8 @@ def data_folder(dataset: Kept, data: Path | str | None) -> Path:
         The recording, such as a `Dataset`.
     data : path, optional
         The data folder, or the recording's own; without it the environment variable ``QUIETFIX_DATA``.
+    holds : str
+        A folder that is given and holds such a file (a pattern) may have any name.
 
     Raises
     ------
@@ -113,6 +118,8 @@ def data_folder(dataset: Kept, data: Path | str | None) -> Path:
     for candidate in (folder / dataset.folder, folder):
         if candidate.name == dataset.folder and candidate.is_dir():
             return candidate
+    if data is not None and holds and any(folder.glob(holds)):
+        return folder
     raise UserError(f"data: {folder / dataset.folder} is not a folder; {advice}")
 
 
@@ -157,7 +164,7 @@ def replay(
     entry: Dataset = locate(REPLAYS[choose("dataset", dataset, REPLAYS)])
     files = [Path(file)] if isinstance(file, str | Path) else [Path(one) for one in file or ()]
     extra = _settings(entry, settings)
-    source = _own_files(entry, files) if entry.takes_file or files else data_folder(entry, data)
+    source = _own_files(entry, files) if entry.takes_file or files else data_folder(entry, data, entry.holds)
     began = time.monotonic()
     result = entry.run(source, progress, *extra)
     seconds = time.monotonic() - began
@@ -179,6 +186,28 @@ def _own_files(dataset: Dataset, files: list[Path]) -> Path | list[Path]:
     if len(files) > 1:
         raise UserError(f"FILE: {len(files)} files are not allowed for {dataset.name}; one")
     return files[0]
+
+
+def replay_settings(dataset: str, settings: Sequence[str] = ()) -> str:
+    """Return the settings of a replay as commented YAML.
+
+    Parameters
+    ----------
+    dataset : str
+        A name of `REPLAYS`.
+    settings : sequence of str
+        ``KEY=VALUE`` that are changed.
+
+    Raises
+    ------
+    UserError
+        For a setting that is unknown or not allowed.
+    """
+    from diagrams.scenario import dump
+    from systems.registry import locate
+
+    found = _settings(locate(REPLAYS[choose("dataset", dataset, REPLAYS)]), settings)
+    return dump(found[0]) if found else "{}  # it has no settings\n"
 
 
 def _settings(dataset: Dataset, settings: Sequence[str]) -> list[Any]:

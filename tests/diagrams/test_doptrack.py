@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from diagrams.doptrack import ORDERS, Settings, batch_fix, replay_passes
-from diagrams.doptrack_data import Selection, read_passes, teme_to_earth_fixed
+from diagrams.doptrack_data import read_passes, teme_to_earth_fixed
+from diagrams.doptrack_settings import Selection
 from diagrams.errors import UserError
 from diagrams.replay import data_folder, replay
 from systems.frames import EARTH_RATE, ecef_to_geodetic
@@ -57,7 +58,7 @@ def test_the_rule_takes_most_passes_and_names_no_one(passes):
     taken = [one.name for one in passes if rule.takes(one)]
     assert len(passes) == 44 and len(taken) == 30 and BAD not in taken
     one = next(one for one in passes if one.name == BAD)
-    assert Selection(always=(BAD,)).takes(one)
+    assert Selection(always=[BAD]).takes(one)
 
 
 @pytest.mark.slow
@@ -84,7 +85,7 @@ def test_least_squares_over_all_passes_agrees(passes, found, name):
 
 @pytest.mark.slow
 def test_the_bad_pass_does_not_move_the_answer(passes, found):
-    with_it = replay_passes(passes, Settings(selection=Selection(always=(BAD,))))
+    with_it = replay_passes(passes, Settings(selection=Selection(always=[BAD])))
     assert BAD in with_it.summary()["passes"]
     moved = {n: np.linalg.norm(with_it.estimates[n][-1] - found.estimates[n][-1]) for n in ORDERS}
     print("moved by", moved)
