@@ -33,16 +33,16 @@ def test_settings_are_shown_with_their_meaning(dataset, setting, shown):
 @pytest.mark.parametrize(
     ("dataset", "setting", "message"),
     [
-        ("locards", "sigma_m=40", "sigma_m is not known; .*sigma_tdoa_m.*fault_m"),
+        ("locards", "sigma_m=40", "sigma_m is not known.*; .*sigma_tdoa_m.*fault_m"),
         ("locards", "false_alarm=0", "false_alarm: 0 is not allowed; a finite number > 0"),
         ("locards", "air=3", "air: 3 is not allowed; true or false"),
         (
             "doptrack",
             "selection.elevation=3",
-            "elevation is not known; there are elevation_deg, span_s, samples, always",
+            "elevation is not known.*; there are elevation_deg, span_s, samples, always",
         ),
         ("doptrack", "sigma_mps=[1, 2]", "sigma_mps: .* is not allowed; three numbers > 0"),
-        ("kiwisdr", "notch=1", "notch is not known; .*notch_hz"),
+        ("kiwisdr", "notch=1", "notch is not known.*notch_hz"),
         ("kiwisdr", "half_delay_s=-1", "half_delay_s: -1 is not allowed; a finite number > 0"),
         ("bearings", "sigma=1", "sigma=1 is not allowed for bearings; it has no settings"),
     ],
