@@ -192,7 +192,12 @@ def models(scenario: Scenario, believed: bool) -> dict[str, MeasurementModel]:
     if believed and belief.sigma_fdoa_hz is not None:
         sigma_fdoa = belief.sigma_fdoa_hz
     rate = scenario.constants.earth_rate_radps
-    common = {"receivers": (1,), "light_time": chosen("light_time"), "earth_rate": rate}
+    common = {
+        "receivers": (1,),
+        "light_time": chosen("light_time"),
+        "earth_rate": rate,
+        "constants": formation.gravity_constants(scenario.constants),
+    }
     sigma = math.radians(chosen("sigma_direction_deg"))
     direction = Direction if truth.direction == "angles" else DirectionCosines
     return {

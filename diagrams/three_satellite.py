@@ -194,6 +194,7 @@ def models(scenario: Scenario, believed: bool) -> dict[str, MeasurementModel]:
         "correlated": chosen("correlated"),
         "light_time": chosen("light_time"),
         "earth_rate": scenario.constants.earth_rate_radps,
+        "constants": formation.gravity_constants(scenario.constants),
     }
     carrier = truth.carrier_ghz * 1e9
     wrapped = truth.phase == "wrapped" and not believed

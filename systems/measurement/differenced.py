@@ -12,6 +12,7 @@ from systems.measurement.base import differenced_covariance
 from systems.measurement.geometry import LineOfSight
 from systems.measurement.light_time import EARTH_RATE, Arrival, arrival
 from systems.measurement.sighted import SightedModel
+from systems.motion.gravity import GravityConstants
 
 __all__ = ["Differenced"]
 
@@ -37,6 +38,8 @@ class Differenced(SightedModel):
         False: geometry of one instant. True: one wave front, see `systems.measurement.light_time.arrival`.
     earth_rate : float
         Rotation of the Earth-fixed axes [rad/s]; only used with `light_time`.
+    constants : GravityConstants, optional
+        Gravity that bends the orbits of receivers, the same.
     """
 
     def __init__(
@@ -49,6 +52,7 @@ class Differenced(SightedModel):
         correlated: bool,
         light_time: bool,
         earth_rate: float = EARTH_RATE,
+        constants: GravityConstants | None = None,
     ) -> None:
         self.sigma = sigma
         self.receivers = list(receivers)
@@ -57,6 +61,7 @@ class Differenced(SightedModel):
         self.light_time = light_time
         self.shares_sight = not light_time
         self.earth_rate = earth_rate
+        self.constants = constants
         if reference in self.receivers or len(set(self.receivers)) < len(self.receivers):
             raise ValueError(f"receivers: {self.receivers} must be different and exclude reference {reference}")
         self.names = tuple(f"{kind}_{i}{reference}" for i in self.receivers)
@@ -103,7 +108,7 @@ class Differenced(SightedModel):
         """See `MeasurementModel.linearize`."""
         if not self.light_time:
             return super().linearize(target, platforms)
-        wave = arrival(target, platforms, self.reference, self.earth_rate)
+        wave = arrival(target, platforms, self.reference, self.earth_rate, self.constants)
         values, gradients = self.wave_front(wave)
         return self._difference(values), self._difference_rows(gradients, target.shape[-1])
 

@@ -11,6 +11,7 @@ from systems.measurement.base import SPEED_OF_LIGHT, positive
 from systems.measurement.differenced import Differenced
 from systems.measurement.geometry import LineOfSight
 from systems.measurement.light_time import EARTH_RATE, Arrival
+from systems.motion.gravity import GravityConstants
 
 __all__ = ["Fdoa"]
 
@@ -33,9 +34,10 @@ class Fdoa(Differenced):
         Carrier frequency [Hz].
     paper_sign : bool
         Flip the sign.
-    receivers, reference, correlated, light_time, earth_rate
-        See `Differenced`. With light time the classical Doppler factors :math:`(c - n_i v_i)/(c - n_i v)` of one
-        wave front are differenced, n from emitter to receiver in inertial axes.
+    receivers, reference, correlated, light_time, earth_rate, constants
+        See `Differenced`. With light time the classical Doppler factors :math:`(c - n_i u_i)/(c - n_i v_e)` of one
+        wave front are differenced, n from emitter to receiver in inertial axes, velocities those of emission and of
+        each receiver's own reception.
     """
 
     def __init__(
@@ -48,9 +50,10 @@ class Fdoa(Differenced):
         paper_sign: bool = False,
         light_time: bool = False,
         earth_rate: float = EARTH_RATE,
+        constants: GravityConstants | None = None,
     ) -> None:
         sigma = positive(sigma, "sigma_fdoa", "Hz")
-        super().__init__("fdoa", "Hz", sigma, receivers, reference, correlated, light_time, earth_rate)
+        super().__init__("fdoa", "Hz", sigma, receivers, reference, correlated, light_time, earth_rate, constants)
         self.carrier = positive(carrier, "carrier", "Hz")
         self._doppler = self.carrier * (-1.0 if paper_sign else 1.0)
 

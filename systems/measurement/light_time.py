@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.measurement.base import SPEED_OF_LIGHT
+from systems.motion.gravity import GravityConstants, acceleration
 
-__all__ = ["EARTH_RATE", "Arrival", "arrival"]
+__all__ = ["EARTH_RATE", "Arrival", "arrival", "in_orbit"]
 
 Array = NDArray[np.float64]
 
@@ -39,22 +40,91 @@ def _dot(a: Array, b: Array) -> Array:
     return np.einsum("...i,...i->...", a, b)
 
 
-def _travel_time(offset: Array, velocity: Array) -> Array:
-    """Solve ``c t = |offset + velocity t|`` for t > 0 without cancellation."""
-    closing = _dot(offset, velocity)
-    square = _dot(offset, offset)
+def _travel_time(
+    offset: Array, velocity: Array, acceleration: Array, since: Array | float
+) -> tuple[Array, Array, Array]:
+    """Solve ``c t = |offset + velocity s + acceleration s^2 / 2|``, s = t - since; return t, that vector, its rate.
+
+    Without the acceleration the equation is quadratic; that root is off by a t^2/2c, 1e-12 s, and one step of Newton's
+    method leaves its square.
+    """
+    start = offset - velocity * since
+    closing = _dot(start, velocity)
     slack = SPEED_OF_LIGHT**2 - _dot(velocity, velocity)
-    return (closing + np.sqrt(closing**2 + slack * square)) / slack
+    t = ((closing + np.sqrt(closing**2 + slack * _dot(start, start))) / slack)[..., None]
+    for last in (False, True):
+        s = t - since
+        rate = velocity + acceleration * s
+        path = offset + velocity * s + acceleration * (0.5 * s**2)
+        if last:
+            break
+        distance = np.sqrt(_dot(path, path))[..., None]
+        t = t - (SPEED_OF_LIGHT * t - distance) / (SPEED_OF_LIGHT - _dot(path, rate)[..., None] / distance)
+    return t[..., 0], path, rate
 
 
-def arrival(target: Array, platforms: Array, reference: int, earth_rate: float = EARTH_RATE) -> Arrival:
+def in_orbit(position: Array, velocity: Array, constants: GravityConstants) -> NDArray[np.bool_]:
+    r"""Return whether something falls freely: the perigee of the orbit through its state is above the ground.
+
+    Perigee :math:`(h^2/\mu)/(1+e)`, :math:`h = |p \times v|`, :math:`e^2 = 1 + (v^2 - 2\mu/r) h^2/\mu^2`.
+
+    Parameters
+    ----------
+    position, velocity : ndarray, shape (..., 3)
+        In inertial axes [m], [m/s].
+    constants : GravityConstants
+
+    Returns
+    -------
+    ndarray of bool, shape (...)
+    """
+    square = _dot(position, position)
+    moment = square * _dot(velocity, velocity) - _dot(position, velocity) ** 2
+    # the centre of the Earth is in no orbit either
+    energy = _dot(velocity, velocity) - 2 * constants.mu / np.sqrt(np.maximum(square, 1.0))
+    eccentricity = np.sqrt(np.maximum(1 + energy * moment / constants.mu**2, 0.0))
+    falls: NDArray[np.bool_] = moment / constants.mu > constants.radius * (1 + eccentricity)
+    return falls
+
+
+def _platform_acceleration(fixed: Array, inertial: Array, spin: Array, constants: GravityConstants) -> Array:
+    """Return the inertial acceleration: gravity in orbit, elsewhere that of a straight line in Earth-fixed axes."""
+    position = fixed[..., :3]
+    ground = np.einsum("ij,...j->...i", spin, 2 * fixed[..., 3:6] + np.einsum("ij,...j->...i", spin, position))
+    free = in_orbit(position, inertial, constants)
+    if not free.any():
+        return ground
+    with np.errstate(divide="ignore", invalid="ignore"):  # what is not in orbit may be at the centre of the Earth
+        gravity = acceleration(position, constants, constants.j2 != 0)
+    return np.where(free[..., None], gravity, ground)
+
+
+def arrival(
+    target: Array,
+    platforms: Array,
+    reference: int,
+    earth_rate: float = EARTH_RATE,
+    constants: GravityConstants | None = None,
+) -> Arrival:
     r"""Follow one wave front from the emitter to every receiver.
 
-    The front reaches the reference at the instant for which `target` and `platforms` are given. In inertial axes
-    that coincide with the Earth-fixed ones at that instant, with velocities :math:`v + \omega\times p` held over the
-    light time, the travel time to the reference solves :math:`c T_0 = |p_0 - x + v T_0|` and that to receiver i
-    :math:`c T_i = |p_i - x + v T_0 + v_i (T_i - T_0)|`; both are quadratic. The derivatives come from implicit
-    differentiation; the Doppler ratio is :math:`(c - n_i v_i)/(c - n_i v)`.
+    The front reaches the reference at the instant for which `target` and `platforms` are given. In inertial axes that
+    coincide with the Earth-fixed ones at that instant, velocities are :math:`v + \omega\times p`, and all motion is of
+    constant acceleration over the light time: of the target :math:`a = 2\omega\times v + \omega\times(\omega\times p)`,
+    a straight line in Earth-fixed axes; of a receiver in orbit gravity, of any other the same as the target's. The
+    travel time to the reference solves
+
+    .. math:: c T_0 = |p_0 - x + v T_0 - a T_0^2/2|
+
+    and, from there at :math:`x_e = x - v T_0 + a T_0^2/2`, that to receiver i, heard :math:`\tau_i = T_i - T_0` later,
+
+    .. math:: c T_i = |p_i + v_i \tau_i + a_i \tau_i^2/2 - x_e|.
+
+    With the directions :math:`n_i` of that path and the velocities of its two ends *then*,
+    :math:`v_e = v - a T_0` and :math:`u_i = v_i + a_i \tau_i`, the ratio of received and emitted frequency is the
+    derivative of emission by reception time, :math:`(c - n_i u_i)/(c - n_i v_e)`. In low orbit :math:`a_i\tau_i`, 8
+    m/s^2 over 0.3 ms, is a sixth of what light time changes in the FDOA. The derivatives are by implicit
+    differentiation.
 
     Parameters
     ----------
@@ -66,6 +136,8 @@ def arrival(target: Array, platforms: Array, reference: int, earth_rate: float =
         The receiver that sets the instant.
     earth_rate : float
         Rotation of the Earth-fixed axes about z [rad/s].
+    constants : GravityConstants, optional
+        Gravity in which receivers fall that are `in_orbit`.
 
     Returns
     -------
@@ -74,34 +146,37 @@ def arrival(target: Array, platforms: Array, reference: int, earth_rate: float =
     spin = earth_rate * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     x = target[..., :3]
     v = target[..., 3:6] + np.einsum("ij,...j->...i", spin, x)
+    a = np.einsum("ij,...j->...i", spin, v + target[..., 3:6])
     p = platforms[..., :3]
     vp = platforms[..., 3:6] + np.einsum("ij,...j->...i", spin, p)
+    ap = _platform_acceleration(platforms, vp, spin, constants or GravityConstants())
     c = SPEED_OF_LIGHT
 
-    offset0 = p[..., reference, :] - x
-    t0 = _travel_time(offset0, v)
-    n0 = (offset0 + v * t0[..., None]) / (c * t0)[..., None]
-    # Columns of d(x), d(v) in terms of the Earth-fixed state: v depends on the position through the spin.
+    t0, path0, ve = _travel_time(p[..., reference, :] - x, v, -a, 0.0)
+    n0 = path0 / (c * t0)[..., None]
+    # Columns of d(x), d(v), d(a) in terms of the Earth-fixed state: v and a depend on the position through the spin.
     dx = np.concatenate([np.eye(3), np.zeros((3, 3))], axis=1)
     dv = np.concatenate([spin, np.eye(3)], axis=1)
-    dt0 = np.einsum("...i,...ij->...j", n0, t0[..., None, None] * dv - dx) / (c - _dot(n0, v))[..., None]
+    da = np.concatenate([spin @ spin, 2 * spin], axis=1)
+    late = t0[..., None, None]
+    held = late * dv - (0.5 * late**2) * da - dx
+    dt0 = np.einsum("...i,...ij->...j", n0, held) / (c - _dot(n0, ve))[..., None]
 
-    emitted = x - v * t0[..., None]
-    offset = p - vp * t0[..., None, None] - emitted[..., None, :]
-    t = _travel_time(offset, vp)
-    w = offset + vp * t[..., None]
+    demitted = -held - ve[..., :, None] * dt0[..., None, :]
+    dve = dv - late * da - a[..., :, None] * dt0[..., None, :]
+    emitted = x - v * t0[..., None] + a * (0.5 * t0[..., None] ** 2)
+    t, w, u = _travel_time(p - emitted[..., None, :], vp, ap, t0[..., None, None])
     distance = c * t
     n = w / distance[..., None]
-    v_wide = v[..., None, :]
-    demitted = dx - t0[..., None, None] * dv - v[..., :, None] * dt0[..., None, :]
-    fixed = -demitted[..., None, :, :] - vp[..., :, None] * dt0[..., None, None, :]
-    dt = np.einsum("...i,...ij->...j", n, fixed) / (c - _dot(n, vp))[..., None]
+    fixed = -demitted[..., None, :, :] - u[..., :, None] * dt0[..., None, None, :]
+    dt = np.einsum("...i,...ij->...j", n, fixed) / (c - _dot(n, u))[..., None]
+    ddelay = dt - dt0[..., None, :]
 
-    up, away = _dot(n, vp), _dot(n, v_wide)
+    up, away = _dot(n, u), _dot(n, ve[..., None, :])
     ratio = (away - up) / (c - away)
-    dw = fixed + vp[..., :, None] * dt[..., None, :]
+    dw = fixed + u[..., :, None] * dt[..., None, :]
     dn = (dw - n[..., :, None] * np.einsum("...i,...ij->...j", n, dw)[..., None, :]) / distance[..., None, None]
-    dup = np.einsum("...i,...ij->...j", vp, dn)
-    daway = np.einsum("...i,...ij->...j", v_wide, dn) + np.einsum("...i,ij->...j", n, dv)
+    dup = np.einsum("...i,...ij->...j", u, dn) + _dot(n, ap)[..., None] * ddelay
+    daway = np.einsum("...i,...ij->...j", ve[..., None, :], dn) + np.einsum("...i,...ij->...j", n, dve[..., None, :, :])
     dratio = (daway - dup) / (c - away)[..., None] + (ratio / (c - away))[..., None] * daway
-    return Arrival(t - t0[..., None], dt - dt0[..., None, :], ratio, dratio)
+    return Arrival(t - t0[..., None], ddelay, ratio, dratio)

@@ -11,6 +11,7 @@ from systems.measurement.base import SPEED_OF_LIGHT, positive
 from systems.measurement.differenced import Differenced
 from systems.measurement.geometry import LineOfSight
 from systems.measurement.light_time import EARTH_RATE, Arrival
+from systems.motion.gravity import GravityConstants
 
 __all__ = ["Tdoa"]
 
@@ -30,7 +31,7 @@ class Tdoa(Differenced):
     ----------
     sigma : float
         Standard deviation of one difference [s].
-    receivers, reference, correlated, light_time, earth_rate
+    receivers, reference, correlated, light_time, earth_rate, constants
         See `Differenced`. Light time changes the difference by up to 5 ns at 100 km baselines in low orbit.
     """
 
@@ -42,9 +43,10 @@ class Tdoa(Differenced):
         correlated: bool = False,
         light_time: bool = False,
         earth_rate: float = EARTH_RATE,
+        constants: GravityConstants | None = None,
     ) -> None:
         sigma = positive(sigma, "sigma_tdoa", "s")
-        super().__init__("tdoa", "s", sigma, receivers, reference, correlated, light_time, earth_rate)
+        super().__init__("tdoa", "s", sigma, receivers, reference, correlated, light_time, earth_rate, constants)
 
     def values_from(self, sight: LineOfSight) -> Array:
         """Return the travel times [s]."""
