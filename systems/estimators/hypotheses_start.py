@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from systems.estimators.start import Start
 from systems.filters.hypotheses import mixture
-from systems.fixes.integer_hypotheses import IntegerHypotheses, integer_covariance, integer_hypotheses
+from systems.fixes.integer_hypotheses import (
+    IntegerHypotheses,
+    integer_covariance,
+    integer_hypotheses,
+    integer_slope,
+)
+from systems.fixes.unknown_velocity import with_unknown_velocity
 from systems.measurement.base import MeasurementModel, positive
 from systems.measurement.tdoa import Tdoa
 
@@ -85,24 +91,27 @@ class HypothesesStart(Start):
             self._sigma_satellite,
         )
 
-    def states(self, found: IntegerHypotheses) -> tuple[Array, Array]:
+    def states(self, found: IntegerHypotheses, platforms: Array) -> tuple[Array, Array]:
         """Return means (trials, K, 6) and covariances (trials, K, 6, 6) of position and velocity."""
         means = np.concatenate([found.position, 0.0 * found.position], axis=-1)
-        covariances = np.zeros((*means.shape, 6))
-        covariances[..., :3, :3] = found.covariance
-        covariances[..., 3:, 3:] = self._sigma_velocity**2 * np.eye(3)
-        return means, covariances
+        return means, self._with_velocity(found.covariance, means, platforms[:, None])
+
+    def _with_velocity(self, covariance: Array, target: Array, platforms: Array) -> Array:
+        slope = np.zeros_like(covariance)
+        if self._tdoa.light_time:
+            slope = integer_slope(
+                self._tdoa, self._phases, target, platforms, self._sigma_height, self._sigma_satellite
+            )
+        return with_unknown_velocity(covariance, slope, self._sigma_velocity)
 
     def begin(self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
         """See `Start.begin`: mean and covariance of the mixture."""
         found = self.hypotheses(measurement, platforms, inputs)
-        return mixture(*self.states(found), found.weight)
+        return mixture(*self.states(found, platforms), found.weight)
 
     def covariance_at(self, target: Array, platforms: Array) -> Array:
         """Return the covariance of the right hypothesis for a target at `target`, shape (..., 6, 6)."""
-        covariance = np.zeros((*target.shape[:-1], 6, 6))
-        covariance[..., :3, :3] = integer_covariance(
+        position = integer_covariance(
             self._tdoa, self._phases, target, platforms, self._sigma_height, self._sigma_satellite
         )
-        covariance[..., 3:, 3:] = self._sigma_velocity**2 * np.eye(3)
-        return covariance
+        return self._with_velocity(position, target, platforms)

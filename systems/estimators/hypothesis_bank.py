@@ -183,7 +183,7 @@ class HypothesisBank(Estimator):
             return super().first(measurement, platforms, inputs, epoch)
         found = self.start.hypotheses(measurement, platforms, inputs)
         weights = reweigh(found.weight, np.zeros_like(found.weight), self.least_weight)
-        return self._memory(*self.start.states(found), weights, found.integers), np.any(weights > 0, axis=-1)
+        return self._memory(*self.start.states(found, platforms), weights, found.integers), np.any(weights > 0, axis=-1)
 
     def begin(self, mean: Array, covariance: Array, epoch: Epoch) -> Memory:
         """See `Estimator.begin`: one hypothesis."""

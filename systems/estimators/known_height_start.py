@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.estimators.start import Start
-from systems.fixes.known_height import Method, known_height_covariance, known_height_fix
+from systems.fixes.known_height import Method, known_height_covariance, position_per_velocity, wave_front_fix
+from systems.fixes.unknown_velocity import with_unknown_velocity
 from systems.measurement.base import positive
 from systems.measurement.tdoa import Tdoa
 
@@ -20,6 +21,9 @@ Array = NDArray[np.float64]
 
 class KnownHeightStart(Start):
     """Position from the first TDOAs and an assumed height, velocity zero with a wide spread.
+
+    With the light time of the TDOA model, in which a delay depends on the velocity a little (0.35 ns at 400 m/s and
+    80 km baselines in low orbit), position and velocity are correlated.
 
     Section 2.1 of Xu, Su and Wang, doi 10.20079/j.issn.1001-893x.220609005. The assumed height comes on the port
     ``assumed_height``: connect a constant, or a block that draws it.
@@ -73,16 +77,14 @@ class KnownHeightStart(Start):
 
     def begin(self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
         """See `Start.begin`."""
-        satellites = platforms[..., self._order, :]
         height = inputs["assumed_height"][:, 0]
-        position = known_height_fix(measurement[:, self._rows], satellites, height, self._method)
+        position = wave_front_fix(self.tdoa, measurement[:, self._rows], platforms, height, self._method)
         mean = np.concatenate([position, np.where(np.isfinite(position), 0.0, np.nan)], axis=-1)
         return mean, self.covariance_at(mean, platforms)
 
     def covariance_at(self, target: Array, platforms: Array) -> Array:
         """Return the covariance of the start for a target at `target`, shape (..., 6, 6)."""
-        covariance = np.zeros((*target.shape[:-1], 6, 6))
-        covariance[..., :3, :3] = known_height_covariance(
+        position = known_height_covariance(
             target,
             platforms[..., self._order, :],
             self.tdoa.sigma,
@@ -90,5 +92,5 @@ class KnownHeightStart(Start):
             self.sigma_satellite,
             self.tdoa.correlated,
         )
-        covariance[..., 3:, 3:] = self.sigma_velocity**2 * np.eye(3)
-        return covariance
+        slope = position_per_velocity(self.tdoa, target, platforms)
+        return with_unknown_velocity(position, slope, self.sigma_velocity)

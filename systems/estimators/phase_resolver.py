@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.fixes.known_height import known_height_fix
+from systems.fixes.known_height import wave_front_fix
 from systems.frames import vertical
 from systems.measurement.phase import InterferometerPhase
 from systems.measurement.tdoa import Tdoa
@@ -112,7 +112,6 @@ class PhaseResolver(EnsembleBlock):
         self._phase_rows = [self.stream.index(row) for row in phase.names]
         self._tdoa_rows = [stream.index(row) for row in tdoa.names]
         self._link_rows = [[stream.index(row) for row in self.link_names(phase, i)] for i in range(len(self._chain))]
-        self._order = [tdoa.reference, *tdoa.receivers]
 
         self.declare_input("measurement", trials, len(stream))
         self.declare_input("platforms", platform_trials, 6 * platforms)
@@ -152,6 +151,8 @@ class PhaseResolver(EnsembleBlock):
         prediction = self.read(context, "prediction")
         platforms = self.read(context, "platforms").reshape(-1, self._platforms, 6)
         height = vertical(prediction[:, :3])[1]
-        fix = known_height_fix(stream[:, self._tdoa_rows], platforms[:, self._order], height, start=prediction[:, :3])
+        place, velocity = prediction[:, :3], prediction[:, 3:]
+        delays = stream[:, self._tdoa_rows]
+        fix = wave_front_fix(self._tdoa, delays, platforms, height, start=place, velocity=velocity)
         target = np.concatenate([fix, np.zeros_like(fix)], axis=-1)
         return self._phase.predict(target, platforms)

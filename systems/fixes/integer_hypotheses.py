@@ -20,7 +20,7 @@ from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
 from systems.measurement.phase import wrap
 from systems.measurement.stack import Stack
 
-__all__ = ["IntegerHypotheses", "integer_covariance", "integer_hypotheses"]
+__all__ = ["IntegerHypotheses", "integer_covariance", "integer_hypotheses", "integer_slope"]
 
 Array = NDArray[np.float64]
 
@@ -131,6 +131,28 @@ def integer_covariance(
     rows = whitener.matrix(None) @ stack.jacobian(target, platforms)[..., :3]
     finite = np.all(np.isfinite(rows), axis=(-1, -2))[..., None, None]
     return np.where(finite, np.linalg.inv(np.where(finite, np.swapaxes(rows, -1, -2) @ rows, np.eye(3))), np.nan)
+
+
+def integer_slope(
+    delays: MeasurementModel,
+    phases: MeasurementModel,
+    target: Array,
+    platforms: Array,
+    sigma_height: float,
+    sigma_range: float = 0.0,
+) -> Array:
+    r"""Return dp/dv of the least-squares position at given measurements, shape (..., 3, 3) [s].
+
+    :math:`-(H_p^T R^{-1} H_p)^{-1} H_p^T R^{-1} H_v`: 0 where no row depends on the velocity. The arguments are those
+    of `integer_covariance`.
+    """
+    stack, whitener = _together(delays, phases, sigma_height, sigma_range)
+    rows = whitener.matrix(None) @ stack.jacobian(target, platforms)
+    finite = np.all(np.isfinite(rows), axis=(-1, -2))[..., None, None]
+    place, velocity = rows[..., :3], np.where(finite, rows[..., 3:6], 0.0)
+    turned = np.swapaxes(place, -1, -2)
+    information = np.where(finite, turned @ place, np.eye(3))
+    return np.where(finite, -np.linalg.solve(information, np.where(finite, turned, 0.0) @ velocity), np.nan)
 
 
 def _together(

@@ -5,6 +5,9 @@ With :math:`q = p - s_0`, :math:`D_i = s_i - s_0`, :math:`d_i = c\tau_{i0}`, squ
 The sphere :math:`|q + s_0| = R` makes t a quadratic in :math:`r_0`, and :math:`|q| = r_0` then a quartic. Newton's
 method on :math:`[c\tau_1, c\tau_2, h]` refines its root from the sphere to the WGS-84 ellipsoid, and stands alone
 where the quartic degenerates: satellites in one line, or in one plane with the centre of the Earth.
+
+Those are the delays of one instant. Where they are those of one wave front, `wave_front_fix` takes off what light time
+adds to them, some nanoseconds, at the fix of before; the addition changes by 1e-4 of a change of the fix.
 """
 
 from __future__ import annotations
@@ -17,8 +20,16 @@ from numpy.typing import NDArray
 from systems.frames import ecef_to_geodetic, geodetic_to_ecef, up, vertical
 from systems.measurement.base import SPEED_OF_LIGHT, differenced_covariance
 from systems.measurement.geometry import line_of_sight
+from systems.measurement.tdoa import Tdoa
 
-__all__ = ["DegenerateFormationError", "has_closed_form", "known_height_covariance", "known_height_fix"]
+__all__ = [
+    "DegenerateFormationError",
+    "has_closed_form",
+    "known_height_covariance",
+    "known_height_fix",
+    "position_per_velocity",
+    "wave_front_fix",
+]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -28,6 +39,7 @@ _SMALLEST_SINE = 1e-3  # below it the quartic loses more digits than Newton need
 _LARGEST_STEP = 300e3  # m; Newton from the sub-satellite point converges for every visible target with it
 _ITERATIONS = 30
 _CONVERGED = 1e-5  # m
+_WAVE_FRONTS = 3  # each leaves 1e-4 of the 100 m or so that light time moves a fix
 _SCALE = 1e6  # m; the quartic's coefficients differ by 1e28 in metres
 
 
@@ -84,6 +96,68 @@ def known_height_fix(
     position = _newton(delays, satellites, height, start)
     seen = np.einsum("...i,...i->...", satellites - position[:, None, :], up(position)[:, None, :]) > 0
     return np.where(np.all(seen, axis=-1)[:, None], position, np.nan)
+
+
+def wave_front_fix(
+    tdoa: Tdoa,
+    delays: Array,
+    platforms: Array,
+    height: Array,
+    method: Method = "auto",
+    start: Array | None = None,
+    velocity: Array | None = None,
+) -> Array:
+    """Return the position that the two TDOAs of a model and a height mean, with the model's light time.
+
+    Parameters
+    ----------
+    tdoa : Tdoa
+        Two TDOAs, with light time or without.
+    delays : ndarray, shape (trials, 2)
+        Its rows [s].
+    platforms : ndarray, shape (1 or trials, p, 6)
+        Its carriers, Earth-fixed.
+    height, method, start
+        See `known_height_fix`.
+    velocity : ndarray, shape (trials, 3), optional
+        Earth-fixed velocity of the target [m/s]; by default it is at rest, see `position_per_velocity`.
+
+    Returns
+    -------
+    ndarray, shape (trials, 3)
+        As `known_height_fix`.
+    """
+    satellites = platforms[..., [tdoa.reference, *tdoa.receivers], :]
+    fix = known_height_fix(delays, satellites, height, method, start)
+    if not tdoa.light_time:
+        return fix
+    for _ in range(_WAVE_FRONTS):
+        target = np.concatenate([fix, np.zeros_like(fix) if velocity is None else velocity], axis=-1)
+        travel = line_of_sight(target, satellites).distance / SPEED_OF_LIGHT
+        addition = tdoa.predict(target, platforms) - (travel[..., 1:] - travel[..., :1])
+        fix = known_height_fix(delays - addition, satellites, height, method, fix)
+    return fix
+
+
+def position_per_velocity(tdoa: Tdoa, target: Array, platforms: Array) -> Array:
+    r"""Return dp/dv at given delays and height, shape (..., 3, 3) [s].
+
+    Light time makes a delay depend on the velocity: the emitter moves on while the signal travels, as seen from two
+    sides. :math:`-G^{-1} c\,\partial\tau/\partial v`, G as in `known_height_covariance`; 0 without light time.
+
+    Parameters
+    ----------
+    tdoa : Tdoa
+    target : ndarray, shape (..., 6)
+    platforms : ndarray, shape (..., p, 6)
+    """
+    if not tdoa.light_time:
+        return np.zeros((*target.shape[:-1], 3, 3))
+    gradient = _gradient(target, platforms[..., [tdoa.reference, *tdoa.receivers], :])
+    change = np.zeros((*gradient.shape[:-2], 3, 3))
+    change[..., :2, :] = SPEED_OF_LIGHT * tdoa.jacobian(target, platforms)[..., 3:6]
+    finite = np.all(np.isfinite(gradient), axis=(-1, -2))[..., None, None]
+    return np.where(finite, -np.linalg.solve(np.where(finite, gradient, np.eye(3)), change), np.nan)
 
 
 def _first_guess(delays: Array, satellites: Array, height: Array, method: Method) -> Array:
@@ -249,9 +323,7 @@ def known_height_covariance(
     -------
     ndarray, shape (..., 3, 3)
     """
-    target = np.concatenate([position[..., :3], np.zeros_like(position[..., :3])], axis=-1)
-    u = line_of_sight(target, satellites).direction
-    gradient = np.concatenate([u[..., 1:, :] - u[..., :1, :], up(target[..., :3])[..., None, :]], axis=-2)
+    gradient = _gradient(position, satellites)
     c = np.zeros((3, 3))
     c[:2, :2] = SPEED_OF_LIGHT**2 * differenced_covariance(sigma_delay, 2, correlated)
     c[:2, :2] += sigma_satellite**2 * (np.eye(2) + np.ones((2, 2)))
@@ -261,3 +333,10 @@ def known_height_covariance(
     # The square root of C keeps the product symmetric and definite although it is nearly of rank one.
     half = inverse @ np.linalg.cholesky(c)
     return np.where(finite[..., None, None], half @ np.swapaxes(half, -1, -2), np.nan)
+
+
+def _gradient(position: Array, satellites: Array) -> Array:
+    """Return the derivative G (..., 3, 3) of range differences and height."""
+    target = np.concatenate([position[..., :3], np.zeros_like(position[..., :3])], axis=-1)
+    u = line_of_sight(target, satellites).direction
+    return np.concatenate([u[..., 1:, :] - u[..., :1, :], up(target[..., :3])[..., None, :]], axis=-2)

@@ -157,6 +157,25 @@ def test_right_hypothesis_is_there_and_consistent(place):
     assert np.allclose(found.weight.sum(axis=1), 1.0)
 
 
+def test_right_hypothesis_of_one_wave_front_is_consistent():
+    """TDOA to 0.3 ns, where light time moves a delay by as much at the spread of the velocity; four deviations."""
+    trials, sigma = 200, 0.3e-9
+    rng = np.random.default_rng(6)
+    delays, carriers = Tdoa(sigma, light_time=True), platforms(75.0)
+    truth = np.tile(target(PLACES[1]), (trials, 1))
+    truth[:, 3:] = 400.0 * rng.normal(size=(trials, 3))
+    model = Stack([delays, PHASES])
+    z = model.predict(truth, carriers) + model.sigmas * rng.normal(size=(trials, model.size))
+    start = HypothesesStart(delays, PHASES, model.names, SIGMA_HEIGHT, 400.0)
+    height = HEIGHT + SIGMA_HEIGHT * rng.normal(size=(trials, 1))
+    means, covariances = start.states(start.hypotheses(z, carriers, {"assumed_height": height}), carriers)
+    off = np.linalg.norm(means[..., :3] - truth[:, None, :3], axis=-1)
+    right = np.arange(trials), np.nanargmin(off, axis=-1)
+    error, spread = means[right] - truth, covariances[right]
+    nees = np.einsum("ti,ti->t", error, np.linalg.solve(spread, error[..., None])[..., 0])
+    assert abs(nees.mean() - 6) < 4 * np.sqrt(12 / trials)
+
+
 def test_delays_may_lift_the_curve_out_of_a_sharp_height():
     # Near the track the curve is a circle whose lowest point the delays know to about 1 km only.
     found, true, _ = enumerate_at((0, 50), 200, sigma_height=30.0)

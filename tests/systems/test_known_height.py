@@ -9,8 +9,11 @@ from systems.fixes.known_height import (
     has_closed_form,
     known_height_covariance,
     known_height_fix,
+    position_per_velocity,
+    wave_front_fix,
 )
 from systems.frames import ecef_to_geodetic
+from systems.measurement.tdoa import Tdoa
 from systems.measurement.visibility import ElevationMask
 from tests.laws.cases import PASS, PLACES, place, satellites, six, tdoa
 
@@ -174,6 +177,46 @@ def test_covariance_explains_the_errors(where, correlated):
     # the ignorance of the velocity is what was asked for, and nothing ties it to the place
     np.testing.assert_array_equal(covariance[:, 3:, 3:], np.broadcast_to(400.0**2 * np.eye(3), (draws, 3, 3)))
     assert not covariance[:, :3, 3:].any() and not mean[:, 3:].any()
+
+
+@pytest.mark.parametrize("method", ["auto", "newton"])
+def test_one_wave_front_gives_the_place(method):
+    """With the right velocity to a micrometre; geometry of one instant is tens of metres off."""
+    targets, model = visible_targets(400, 10e3), tdoa(light_time=True)
+    delays, height = model.predict(targets, MIDDLE), np.full(400, 10e3)
+    fix = wave_front_fix(model, delays, MIDDLE, height, method, velocity=targets[:, 3:])
+    assert np.abs(fix - targets[:, :3]).max() < 1e-6
+    assert np.abs(known_height_fix(delays, MIDDLE, height, method) - targets[:, :3]).max() > 30
+    # the velocity left out: off by what the slope says
+    off = targets[:, :3] - wave_front_fix(model, delays, MIDDLE, height, method)
+    slope = position_per_velocity(model, targets, MIDDLE)
+    np.testing.assert_allclose((slope @ targets[:, 3:, None])[..., 0], off, rtol=0.01, atol=0.02)
+    assert np.abs(off).max() > 0.3
+
+
+@pytest.mark.parametrize("time", [0.0, 75.0, 150.0])
+@pytest.mark.parametrize("where", PLACES)
+def test_nees_of_a_start_from_one_wave_front(where, time):
+    """TDOA to 1 ns, velocity as believed: 3 in position, 6 in all, of 4000 starts within four standard deviations.
+
+    Geometry of one instant had 3.0 to 9.6 here.
+    """
+    draws, sigma = 4000, 1e-9
+    rng = np.random.default_rng(29)
+    target, carriers, model = (
+        np.tile(place(*PLACES[where]), (draws, 1)),
+        satellites(time)[None],
+        Tdoa(sigma, light_time=True),
+    )
+    target[:, 3:] = 400.0 * rng.normal(size=(draws, 3))
+    delays = model.predict(target, carriers) + sigma * rng.normal(size=(draws, 2))
+    height = 10e3 + 3e3 * rng.normal(size=draws)
+    start = KnownHeightStart(model, model.names, 3e3, 400.0)
+    mean, covariance = start.begin(delays, carriers, {"assumed_height": height[:, None]})
+    for size in (3, 6):
+        error, spread = (mean - target)[:, :size], covariance[:, :size, :size]
+        nees = np.einsum("ti,ti->t", error, np.linalg.solve(spread, error[..., None])[..., 0])
+        assert abs(nees.mean() - size) < 4 * np.sqrt(2 * size / draws)
 
 
 def test_covariance_of_no_fix_is_nan_and_of_the_others_not():
