@@ -298,7 +298,6 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         start_uses_measurement=True,
         signals={name: block.GetOutputPort("estimate") for name, block in filters.items()},
         frame="local",
-        axes=axes,
         stream=list(model.names),
         note=_NOTE if any(isinstance(scenario.estimators[name], Crossing) for name in estimators) else "",
     )

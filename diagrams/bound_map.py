@@ -94,7 +94,7 @@ class BoundMap:
         Which rows are measured.
     quantities : tuple of str
         Of `diagrams.metrics.QUANTITIES`.
-    frame, axes
+    frame
         See `diagrams.system.Wired`.
     equal : bool
         Whether both axes are lengths, to be drawn at the same scale.
@@ -119,7 +119,6 @@ class BoundMap:
     present: Mask | None = None
     quantities: tuple[str, ...] = ("position", "height")
     frame: str = "earth_fixed"
-    axes: int = 3
     equal: bool = True
     report: Callable[[xr.Dataset], None] | None = None
 
@@ -165,7 +164,7 @@ def map_bounds(of: BoundMap, progress: bool = False) -> xr.Dataset:
     with Progress("gdop", len(of.sets) * epochs, progress) as bar:
         for i, model in enumerate(of.sets.values()):
             covariance = last_bound(of, model, _counting(bar, i * epochs))
-            squares = bound_squares(covariance, of.truth[:, -1], of.axes, of.frame)[rows]
+            squares = bound_squares(covariance, of.truth[:, -1], of.motion.names, of.frame)[rows]
             bounds[:, i, of.seen] = np.sqrt(squares)
     made = {quantity: (("set", *names), values) for quantity, values in zip(of.quantities, bounds, strict=True)}
     along = "time" if of.track.shape[0] == epochs else "step"

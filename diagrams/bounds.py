@@ -7,7 +7,8 @@ away and give a bound several times too small.)
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +16,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from diagrams.metrics import QUANTITIES
+from diagrams.metrics import NEEDED, QUANTITIES
+from diagrams.states import POSITION, VELOCITY, CarriedMotion, Moves, block, columns, shared, translated
 from diagrams.system import Wired
 from systems.estimators.base import Estimator
 from systems.filters.linear_algebra import cholesky, symmetric
@@ -46,10 +48,11 @@ def posterior_bound(
     platforms: Array,
     times: ArrayLike,
     model: MeasurementModel,
-    motion: MotionModel,
+    motion: Moves,
     start_covariance: Array,
     first_epoch_used: bool,
     present: Mask | None = None,
+    flown: Array | None = None,
 ) -> Array:
     r"""Return the posterior Cramer-Rao bound of every trial at every epoch.
 
@@ -69,7 +72,7 @@ def posterior_bound(
         Every epoch, not only those that are stored [s].
     model : MeasurementModel
         Measurement of every epoch.
-    motion : MotionModel
+    motion : MotionModel or CarriedMotion
         Motion between the epochs; its process noise may be zero.
     start_covariance : ndarray, shape (trials or 1, n, n) or (n, n)
         At the first epoch.
@@ -77,13 +80,15 @@ def posterior_bound(
         True: the first epoch's measurement is already in the start.
     present : ndarray of bool, shape (trials or 1, time, m), optional
         Which rows were measured; by default all.
+    flown : ndarray, shape (trials or 1, time, k), optional
+        States at which the motion's derivatives are taken, where those are of other components; by default `truth`.
 
     Returns
     -------
     ndarray, shape (trials, time, n, n)
         Covariances: the bound after the measurement of the epoch; NaN in a trial that cannot be computed.
     """
-    steps = bound_steps(truth, platforms, times, model, motion, start_covariance, first_epoch_used, present)
+    steps = bound_steps(truth, platforms, times, model, motion, start_covariance, first_epoch_used, present, flown)
     return np.stack(list(steps), axis=1)
 
 
@@ -92,10 +97,11 @@ def bound_steps(
     platforms: Array,
     times: ArrayLike,
     model: MeasurementModel,
-    motion: MotionModel,
+    motion: Moves,
     start_covariance: Array,
     first_epoch_used: bool,
     present: Mask | None = None,
+    flown: Array | None = None,
 ) -> Iterator[Array]:
     """Yield the bound (trials, n, n) of one epoch after the other; see `posterior_bound`."""
     t = np.asarray(times, dtype=float)
@@ -113,12 +119,13 @@ def bound_steps(
     varies = type(model).noise_covariance_at is not MeasurementModel.noise_covariance_at
     whitener = Whitener(model.noise_covariance())
     covariance, lost = _without_lost(np.broadcast_to(start, (trials, *start.shape[1:])), np.zeros(trials, dtype=bool))
+    course = truth if flown is None else flown
     # A square root is carried from epoch to epoch: a prior of nearly rank one then loses no digits, and stays
     # definite where there is no process noise.
     root = cholesky(covariance)
     for k in range(t.size):
         if k > 0:
-            state, dt = truth[:, k - 1], float(t[k] - t[k - 1])
+            state, dt = course[:, k - 1], float(t[k] - t[k - 1])
             noise = motion.process_noise(state, dt)
             root, lost = _without_lost(motion.transition(state, dt) @ root, lost)
             if np.any(noise):
@@ -145,22 +152,20 @@ def _without_lost(matrices: Array, lost: Mask) -> tuple[Array, Mask]:
 
 
 def bound_squares(
-    covariance: Array, truth: Array, axes: int = 3, frame: str = "earth_fixed", bias: int | None = None
+    covariance: Array, truth: Array, names: Sequence[str] = (*POSITION, *VELOCITY), frame: str = "earth_fixed"
 ) -> Array:
     """Return the squared bounds of every trial.
 
     Parameters
     ----------
     covariance : ndarray, shape (..., n, n)
-        Of states that begin with position [m] and velocity [m/s].
+        Of states of the components `names`, in any order.
     truth : ndarray, shape (..., n)
         Broadcasts with it.
-    axes : int
-        Number of space dimensions.
-    frame : {'earth_fixed', 'local'}
+    names : sequence of str
+        Position is what of x, y, z [m] is there, velocity what of vx, vy, vz [m/s]; ``bias`` [m/s].
+    frame : {'earth_fixed', 'inertial', 'local', 'launch'}
         Axes of the states; see `Wired`.
-    bias : int, optional
-        Which component of the state is a bias.
 
     Returns
     -------
@@ -171,29 +176,41 @@ def bound_squares(
         state, and for the course of a target at rest. (That the local axes turn with the place, 1e-7 rad/m, is left
         out of speed and course.)
     """
-    place, state = covariance[..., :axes, :axes], truth[..., :axes]
-    position = _trace(place)
-    undefined = np.full(position.shape, np.nan)
-    if frame == "local":
-        normal = np.broadcast_to([0.0, 0.0, 1.0], (*state.shape[:-1], 3))
-        height = undefined if axes < 3 else place[..., 2, 2]
-    else:
-        normal = up(state)
-        height = _variance(place, normal)
-    biased = undefined if bias is None else covariance[..., bias, bias]
-    if covariance.shape[-1] < 2 * axes:
-        return np.stack(np.broadcast_arrays(position, height, undefined, undefined, undefined, biased))
-    moving, velocity = covariance[..., axes : 2 * axes, axes : 2 * axes], truth[..., axes : 2 * axes]
-    if axes < 3:  # level motion
-        moving = np.pad(moving, [(0, 0)] * (moving.ndim - 2) + [(0, 3 - axes)] * 2)
-        velocity = np.pad(velocity, [(0, 0)] * (velocity.ndim - 1) + [(0, 3 - axes)])
+    placed, moving = shared(POSITION, names), shared(VELOCITY, names)
+    undefined = np.full(np.broadcast_shapes(covariance.shape[:-2], truth.shape[:-1]), np.nan)
+    position = height = total = ahead = across = biased = undefined
+    normal = None
+    if placed:
+        place, state = block(covariance, columns(names, placed)), truth[..., columns(names, placed)]
+        position = _trace(place)
+        if frame == "local":
+            normal = np.broadcast_to([0.0, 0.0, 1.0], (*state.shape[:-1], 3))
+            height = place[..., placed.index("z"), placed.index("z")] if "z" in placed else undefined
+        elif placed == POSITION:
+            normal = up(state)
+            height = _variance(place, normal)
+    if moving:
+        own, velocity = block(covariance, columns(names, moving)), truth[..., columns(names, moving)]
+        total = _trace(own)
+        if normal is not None and (moving == VELOCITY or (frame == "local" and moving == VELOCITY[:2])):
+            ahead, across = _level_variances(own, velocity, normal)
+    if "bias" in names:
+        biased = block(covariance, columns(names, ["bias"]))[..., 0, 0]
+    return np.stack(np.broadcast_arrays(position, height, total, ahead, across, biased))
+
+
+def _level_variances(covariance: Array, velocity: Array, normal: Array) -> tuple[Array, Array]:
+    """Return the variances of the velocity along the horizontal course [m^2/s^2] and of the course [deg^2]."""
+    missing = 3 - velocity.shape[-1]  # level motion in the plane
+    if missing:
+        covariance = np.pad(covariance, [(0, 0)] * (covariance.ndim - 2) + [(0, missing)] * 2)
+        velocity = np.pad(velocity, [(0, 0)] * (velocity.ndim - 1) + [(0, missing)])
     level = velocity - normal * np.sum(normal * velocity, axis=-1, keepdims=True)
     speed = np.linalg.norm(level, axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):
         ahead = level / np.where(speed > 0, speed, np.nan)[..., None]
         turn = np.degrees(np.cross(ahead, normal)) / speed[..., None]
-    parts = position, height, _trace(moving), _variance(moving, ahead), _variance(moving, turn), biased
-    return np.stack(np.broadcast_arrays(*parts))
+    return _variance(covariance, ahead), _variance(covariance, turn)
 
 
 def _trace(matrix: Array) -> Array:
@@ -262,9 +279,15 @@ class StudyBounds:
     """Both bounds of every estimator of a diagram, summed chunk by chunk.
 
     ``bound``: what the estimator's motion model allows (its process noise). ``bound_truth``: the same measurements and
-    start, with the process noise of the motion that was simulated. Estimators whose sensor, motion and start are alike
-    share the work. Estimators whose state is not the truth's have no bound (NaN);
-    neither has ``bound_truth`` where the truth moves as none of the motion models.
+    start, with the process noise of the motion that was simulated; NaN where the truth moves as none of the motion
+    models. Estimators whose sensor, motion and start are alike share the work.
+
+    The recursion is that of the estimator's own state, whatever the truth's: the Jacobians are taken at each trial's
+    truth, written as the estimator's state by the names of the components. What the truth lacks is there at its
+    `MotionModel.nominal` value, 0 unless the model says otherwise: a truth without a bias has the bias zero. Such a
+    component makes the others harder to know, and has no bound itself, for it has no error. What the estimator lacks it
+    takes as known; where the truth of it is not what the estimator's model makes of it, the estimator is biased, and no
+    bound on its variance bounds its error. The true motion is carried into another state by `CarriedMotion`.
 
     Parameters
     ----------
@@ -277,6 +300,12 @@ class StudyBounds:
     wired: Wired
     times: Array
     _sums: dict[tuple[str, str], BoundSums] = field(default_factory=dict)
+    _warned: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        """Note what the states are called."""
+        self.truth_names = self.wired.truth_names
+        self._judged = shared(self.wired.estimated_names, self.truth_names)
 
     def add(self, truth: Array, platforms: Array, trials: int | None = None, present: Mask | None = None) -> None:
         """Add a chunk of trials.
@@ -313,24 +342,60 @@ class StudyBounds:
         present: Mask | None,
         done: list[tuple[tuple[Any, ...], Array]],
     ) -> Array:
-        n = truth.shape[-1]
-        if motion is None or not estimator.motion.size == motion.size == n:
-            return np.full((len(QUANTITIES), self.times.size, 1), np.nan)
-        start = self.wired.start_covariance(name, truth[:, 0], platforms[:, 0])
+        own, names = estimator.motion, self.truth_names
+        undefined = np.full((len(QUANTITIES), self.times.size, 1), np.nan)
+        if motion is None:
+            return undefined
+        moves: Moves = motion
+        if motion is not own and tuple(motion.names) != tuple(own.names):
+            if not set(shared(own.names, names)) <= set(motion.names):
+                return undefined  # of some of it nobody says how it moves
+            moves = CarriedMotion(motion, own, names)
+        state = translated(truth, names, own)
+        start = self._start(name, estimator, state, platforms)
+        if start is None:
+            return undefined
         model = estimator.bound_model
-        key = (model, motion, start)
+        key = (model, moves, own.names, start)
         for known, squares in done:
             if alike(key, known):
                 return squares
-        seen = None
-        if present is not None:
-            seen = rows_present(self.wired, estimator, present)
-        steps = bound_steps(truth, platforms, self.times, model, motion, start, self.wired.start_uses_measurement, seen)
-        axes, frame = self.wired.axes, self.wired.frame
-        bias = estimator.motion.names.index("bias") if "bias" in estimator.motion.names else None
-        squares = np.stack([bound_squares(p, truth[:, k], axes, frame, bias) for k, p in enumerate(steps)], axis=1)
+        seen = None if present is None else rows_present(self.wired, estimator, present)
+        flown = truth if isinstance(moves, CarriedMotion) else None
+        first = self.wired.start_uses_measurement
+        steps = bound_steps(state, platforms, self.times, model, moves, start, first, seen, flown)
+        both = shared(own.names, names)
+        places = columns(own.names, both)
+        parts = [
+            bound_squares(block(p, places), state[:, k][..., places], both, self.wired.frame)
+            for k, p in enumerate(steps)
+        ]
+        squares = np.stack(parts, axis=1)
+        squares[[not self._complete(what, both) for what in QUANTITIES]] = np.nan
         done.append((key, squares))
         return squares
+
+    def _complete(self, quantity: str, names: Sequence[str]) -> bool:
+        """Return whether a state has all that the quantity is made of, as far as the study has it at all."""
+        return set(shared(NEEDED[quantity], self._judged)) <= set(names)
+
+    def _start(self, name: str, estimator: Estimator, state: Array, platforms: Array) -> Array | None:
+        """Return the covariance of an estimator's start; None with a warning where nobody can say it."""
+        size = estimator.motion.size
+        found = self.wired.start_covariance(name, state[:, 0], platforms[:, 0])
+        if found.shape[-1] != size:  # the system's own start, and a state that a user's class has made larger
+            own = estimator.start.covariance_at(state[:, 0], platforms[:, 0])
+            if own is None or own.shape[-1] != size:
+                if name not in self._warned:
+                    warnings.warn(
+                        f"estimators.{name}: no bound, the system's start has {found.shape[-1]} states and the "
+                        f"estimator {size}; covariance_at of its start must return {size} x {size}",
+                        stacklevel=2,
+                    )
+                self._warned.add(name)
+                return None
+            found = own
+        return found
 
     def variables(self) -> dict[str, tuple[tuple[str, str], Array]]:
         """Return the variables (estimator, time) of a study's result, ``bound_position`` ... ``bound_truth_course``.
@@ -339,7 +404,7 @@ class StudyBounds:
         """
         # heights and courses refer to the ellipsoid
         shown = {*QUANTITIES} if self.wired.frame in ("earth_fixed", "local") else {"position", "velocity", "bias"}
-        if not any("bias" in estimator.motion.names for estimator in self.wired.estimators.values()):
+        if "bias" not in self._judged:
             shown.discard("bias")
         found = {}
         names = list(self.wired.estimators)

@@ -168,9 +168,8 @@ class ComparedStudy(Study):
     def wire(self, trials: int) -> tuple[Wired, DiagramBuilder, dict[str, Score]]:
         """See `Study.wire`."""
         wired, builder, scores = super().wire(trials)
-        size = wired.truth.get_system().output_size(wired.truth.get_name())[1]
         self.stopwatches = {name: Stopwatch(block) for name, block in wired.estimators.items()}
-        self.states = {name: min(size, block.motion.size) for name, block in wired.estimators.items()}
+        self.states = {name: len(score.scored) for name, score in scores.items()}
         self.feedback = [f"{source} -> {target}" for source, target in wired.dashed]
         return wired, builder, scores
 
@@ -408,13 +407,14 @@ def nees_entry(
     """
     values = np.where(lost, np.inf, values)
     count = int(np.count_nonzero(~np.isnan(values)))
-    found = interval(draws.apply(values[:, None] / states, lambda means: means), confidence)
-    lower, upper = (float(end) / states for end in chi_square_band(states * count, max(count, 1), confidence))
+    per = states or math.nan  # none in common with the truth
+    found = interval(draws.apply(values[:, None] / per, lambda means: means), confidence)
+    lower, upper = (float(end) / per for end in chi_square_band(states * count, max(count, 1), confidence))
     mean = float(found.value[0])
     verdict = None
     if count and not math.isnan(mean):
         verdict = "low" if mean < lower else "high" if mean > upper else "in band"
-    band = None if not count else {"low": lower, "high": upper}
+    band = None if not (count and states) else {"low": lower, "high": upper}
     return {
         "states": states,
         "nees_per_state": entry(found, 0),

@@ -436,6 +436,7 @@ def _add_estimators(
         divergence=scenario.divergence_m,
         start_covariance=lambda name, target, carriers: start.covariance_at(target, carriers),
         truth_motion=truth_motion,
+        truth_states=ConstantVelocity(0.0).names,
         start_uses_measurement=start.uses_measurement,
         signals=signals,
     )

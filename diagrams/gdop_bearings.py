@@ -73,5 +73,4 @@ def bearing_map(scenario: Scenario, points: int = _POINTS) -> BoundMap:
         first_epoch_used=True,
         quantities=("position",) if axes == 2 else ("position", "height"),
         frame="local",
-        axes=axes,
     )

@@ -16,11 +16,13 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
+from diagrams.states import POSITION, VELOCITY
 from systems.frames import course_speed, ecef_to_geodetic
 from systems.measurement.phase import wrap
 
 __all__ = [
     "BOUNDS",
+    "NEEDED",
     "QUANTITIES",
     "armse",
     "axis_errors",
@@ -34,6 +36,7 @@ __all__ = [
     "nis_statistics",
     "percentile",
     "rmse",
+    "scored",
     "summarise",
 ]
 
@@ -42,6 +45,16 @@ Array = NDArray[np.float64]
 QUANTITIES = ("position", "height", "velocity", "speed", "course", "bias")
 """What errors and bounds are about: position and height [m], velocity and horizontal speed [m/s], course [deg], and
 bias [m/s] where it is in the state."""
+
+NEEDED = {
+    "position": POSITION,
+    "height": POSITION,
+    "velocity": VELOCITY,
+    "speed": (*POSITION, *VELOCITY),
+    "course": (*POSITION, *VELOCITY),
+    "bias": ("bias",),
+}
+"""Which components of the state each of `QUANTITIES` is made of."""
 
 BOUNDS = tuple(f"{kind}_{what}" for kind in ("bound", "bound_truth") for what in QUANTITIES)
 """Names of the bounds that a result may carry, each (estimator, time), in the units of `QUANTITIES`."""
@@ -52,6 +65,28 @@ _HUGE = 1e150  # stands for infinity while percentiles are interpolated; its squ
 
 
 # --------------------------------------------------------------------------------------------------- errors
+
+
+def scored(dataset: xr.Dataset) -> xr.DataArray:
+    """Return which components each estimator can be judged by: those that its state and the truth both have.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A study's result; without the coordinates ``in_truth`` and ``in_estimate`` all have all.
+
+    Returns
+    -------
+    xarray.DataArray of bool, dims (estimator, state)
+    """
+    shape = dataset.sizes["estimator"], dataset.sizes["state"]
+    both = np.ones(shape, dtype=bool)
+    if "in_truth" in dataset.coords:
+        both &= dataset["in_truth"].values
+    if "in_estimate" in dataset.coords:
+        both &= dataset["in_estimate"].transpose("estimator", "state").values
+    names = {name: dataset[name].values for name in ("estimator", "state")}
+    return xr.DataArray(both, names, ("estimator", "state"))
 
 
 def axis_errors(dataset: xr.Dataset) -> xr.DataArray:
@@ -65,10 +100,11 @@ def axis_errors(dataset: xr.Dataset) -> xr.DataArray:
     Returns
     -------
     xarray.DataArray, dims (estimator, trial, time, state)
-        NaN where the truth is unknown, infinite where the estimate is not finite.
+        NaN where the truth is unknown or the component is not in both states, infinite where the estimate is not
+        finite.
     """
     difference = dataset["estimate"] - dataset["truth"]
-    lost = ~np.isfinite(dataset["estimate"]) & np.isfinite(dataset["truth"])
+    lost = ~np.isfinite(dataset["estimate"]) & np.isfinite(dataset["truth"]) & scored(dataset)
     return difference.where(~lost, np.inf).transpose("estimator", "trial", "time", "state")
 
 
@@ -89,14 +125,17 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
         from north [deg] in [-180, 180), NaN where truth or estimate is at rest. A state without a velocity has
         ``position`` and ``height`` only, one in the plane no ``height``; inertial and launch axes (attribute
         ``frame``) have ``position`` and ``velocity`` only. Where the state has a component ``bias`` its signed error
-        is there as well.
+        is there as well. What the truth does not have has no error; one that takes a component which this
+        estimator does not have is NaN.
     """
     states = [str(name) for name in dataset["state"].values]
-    place = [states.index(name) for name in ("x", "y", "z") if name in states]
+    true = set(states) if "in_truth" not in dataset.coords else {*dataset["state"].values[dataset["in_truth"].values]}
+    place = [states.index(name) for name in POSITION if name in true]
+    own = scored(dataset).values[:, None, None, :]
     frame = dataset.attrs.get("frame", "earth_fixed")
     local = frame == "local"
     grounded = local or frame == "earth_fixed"
-    moving = [states.index(name) for name in ("vx", "vy", "vz") if name in states]
+    moving = [states.index(name) for name in VELOCITY if name in true]
     dims = ("estimator", "trial", "time")
     estimate = dataset["estimate"].transpose(*dims, "state").values
     truth = dataset["truth"]
@@ -108,27 +147,28 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
 
     def judged(error: Array, columns: list[int]) -> tuple[tuple[str, ...], Array]:
         lost = ~finite[..., columns].all(axis=-1) | ~np.isfinite(error)
-        unknown = ~np.isfinite(known[..., columns]).all(axis=-1)
+        unknown = ~np.isfinite(known[..., columns]).all(axis=-1) | ~own[..., columns].all(axis=-1)
         return dims, np.where(unknown, np.nan, np.where(lost, np.inf, error))
 
     found = {}
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         here, there = usable[..., place], truth.values[..., place]
-        found["position"] = judged(np.linalg.norm(here - there, axis=-1), place)
+        apart = np.linalg.norm(here - there, axis=-1) if place else np.full(estimate.shape[:-1], np.nan)
+        found["position"] = judged(apart, place) if place else (dims, apart)
         if moving:
             moved, true_moved = usable[..., moving], truth.values[..., moving]
             found["velocity"] = judged(np.linalg.norm(moved - true_moved, axis=-1), moving)
         if grounded and len(place) == 3:
             high = (here - there)[..., 2] if local else ecef_to_geodetic(here)[2] - ecef_to_geodetic(there)[2]
             found["height"] = judged(high, place)
-        if moving and grounded:
+        if grounded and (len(moving) > 1 if local else len(place) == len(moving) == 3):
             both = [*place, *moving]
             course, speed = _course_speed(here, moved, local)
             true_course, true_speed = _course_speed(there, true_moved, local)
             found["speed"] = judged(speed - true_speed, both)
             turned = judged(np.degrees(wrap(course - true_course)), both)[1]
             found["course"] = dims, np.where(np.minimum(speed, true_speed) < _AT_REST, np.nan, turned)
-        if "bias" in states:
+        if "bias" in true:
             column = [states.index("bias")]
             found["bias"] = judged((usable - known)[..., column[0]], column)
     names = {name: dataset[name] for name in dims if name in dataset.coords}
@@ -249,15 +289,17 @@ def nees_statistics(dataset: xr.Dataset, confidence: float = 0.95) -> xr.Dataset
     Returns
     -------
     xarray.Dataset, dims (estimator, time)
-        ``mean``, ``lower``, ``upper``, ``trials``: how many have a NEES, the others are left out. The degrees of
-        freedom are the number of state components.
+        ``mean``, ``lower``, ``upper``, ``trials``: how many have a NEES, the others are left out; ``freedom``
+        (estimator): its degrees of freedom, the number of components that are `scored`.
     """
     nees = dataset["nees"].transpose("estimator", "trial", "time")
     known = nees.notnull()
     trials = known.sum("trial")
     mean = nees.where(known, 0.0).sum("trial") / trials.where(trials > 0)
-    lower, upper = chi_square_band(trials.values * dataset.sizes["state"], trials.values, confidence)
-    return xr.Dataset({"mean": mean, "lower": (mean.dims, lower), "upper": (mean.dims, upper), "trials": trials})
+    freedom = scored(dataset).sum("state")
+    lower, upper = chi_square_band(trials.values * freedom.values[:, None], trials.values, confidence)
+    bands = {"lower": (mean.dims, lower), "upper": (mean.dims, upper)}
+    return xr.Dataset({"mean": mean, **bands, "trials": trials, "freedom": freedom})
 
 
 def nis_statistics(dataset: xr.Dataset, confidence: float = 0.95) -> xr.Dataset:

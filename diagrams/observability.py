@@ -17,6 +17,7 @@ from pydrake.systems.framework import DiagramBuilder
 from diagrams.bounds import alike, rows_present
 from diagrams.catalogue import split_name
 from diagrams.errors import UserError
+from diagrams.states import POSITION, shared
 from diagrams.study import Study
 from diagrams.system import Wired
 from systems.estimators.base import Estimator
@@ -360,10 +361,10 @@ def _one(
     model, motion = block.bound_model, block.motion
     seen = rows_present(wired, block, present)
     roots = information_roots(truth, platforms, times, model, motion, scale, seen)[0]
-    words, rotation = direction_axes(truth[0, 0], platforms[0, 0, 0], wired.frame, wired.axes)
+    axes = len(shared(POSITION, motion.names))
+    words, rotation = direction_axes(truth[0, 0], platforms[0, 0, 0], wired.frame, axes)
     labels, turned = _components(motion.names, words, rotation)
     sight = np.zeros(motion.size)
-    axes = wired.axes
     away = truth[0, 0, :axes] - platforms[0, 0, 0, :axes]
     sight[:axes] = rotation @ (away / np.linalg.norm(away))
     # scales are alike within a block, so turning and scaling commute

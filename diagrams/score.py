@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
+from diagrams.states import block, columns, shared
 from systems.signals import EnsembleBlock
 
 __all__ = ["Score", "normalised_error"]
@@ -49,23 +52,34 @@ class Score(EnsembleBlock):
     ----------
     name : str
         Name of the block.
-    trials, truth_trials, size : int
-        Trials of the estimate and of the truth, and the number of states of the truth.
-    estimate_size : int
-        States of the estimate; only the states that both have first are scored.
+    trials, truth_trials : int
+        Trials of the estimate and of the truth.
+    truth_names, estimate_names : sequence of str
+        Components of their states; those that both have are scored, with their block of the covariance.
+
+    Attributes
+    ----------
+    scored : tuple of str
+        The components that both have: as many degrees of freedom has the NEES, which is NaN if there are none.
     """
 
-    def __init__(self, name: str, trials: int, truth_trials: int, size: int, estimate_size: int) -> None:
+    def __init__(
+        self, name: str, trials: int, truth_trials: int, truth_names: Sequence[str], estimate_names: Sequence[str]
+    ) -> None:
         super().__init__(name)
-        self._size, self._estimate_size = min(size, estimate_size), estimate_size
-        self.declare_input("truth", truth_trials, size)
-        self.declare_input("estimate", trials, estimate_size)
-        self.declare_input("covariance", trials, estimate_size**2)
+        self.scored = shared(estimate_names, truth_names)
+        self._here, self._there = columns(estimate_names, self.scored), columns(truth_names, self.scored)
+        self._size = len(estimate_names)
+        self.declare_input("truth", truth_trials, len(truth_names))
+        self.declare_input("estimate", trials, self._size)
+        self.declare_input("covariance", trials, self._size**2)
         tickets = {self.input_ticket(port) for port in ("truth", "estimate", "covariance")}
         self.declare_output("nees", trials, 1, self._calc, tickets)
 
     def _calc(self, context: Context) -> Array:
-        n, m = self._size, self._estimate_size
-        error = self.read(context, "estimate")[:, :n] - self.read(context, "truth")[:, :n]
-        covariance = self.read(context, "covariance").reshape(-1, m, m)[:, :n, :n]
-        return normalised_error(error, covariance)[:, None]
+        estimate, n = self.read(context, "estimate"), self._size
+        if not self.scored:
+            return np.full((len(estimate), 1), np.nan)
+        error = estimate[:, self._here] - self.read(context, "truth")[:, self._there]
+        covariance = self.read(context, "covariance").reshape(-1, n, n)
+        return normalised_error(error, block(covariance, self._here))[:, None]

@@ -23,6 +23,7 @@ from diagrams.errors import UserError, choose
 from diagrams.progress import Progress
 from diagrams.scenario import dump
 from diagrams.score import Score
+from diagrams.states import columns, shared
 from diagrams.system import Wired
 from systems.clocks import Clock, Times
 from systems.estimators.base import Estimator
@@ -123,10 +124,10 @@ class Study:
         """Return the wired diagram under construction for a batch of trials, and its scores."""
         builder = DiagramBuilder()
         wired = self._wired(builder, trials)
-        truth_trials, size = wired.truth.get_system().output_size(wired.truth.get_name())
+        truth_trials, truth_names = wired.truth.get_system().output_size(wired.truth.get_name())[0], wired.truth_names
         scores = {}
         for name, estimator in wired.estimators.items():
-            score = builder.AddSystem(Score(f"score_{name}", trials, truth_trials, size, estimator.motion.size))
+            score = builder.AddSystem(Score(f"score_{name}", trials, truth_trials, truth_names, estimator.motion.names))
             builder.Connect(wired.truth, score.GetInputPort("truth"))
             for port in ("estimate", "covariance"):
                 builder.Connect(estimator.GetOutputPort(port), score.GetInputPort(port))
@@ -278,24 +279,33 @@ class Study:
         """Turn a run's log into a Dataset, cutting the trials that only filled the batch."""
         request = self.request
         names = request.estimators
-        size = max(estimator.motion.size for estimator in wired.estimators.values())
-        motion = next(e.motion for e in wired.estimators.values() if e.motion.size == size)
+        states, truth_names = wired.estimated_names, wired.truth_names
+        owned = [wired.estimators[name].motion.names for name in names]
+        places = [columns(states, own) for own in owned]
 
-        def per_estimator(port: str, columns: int | None) -> Array:
-            """Stack (time, trial, k) logs of all estimators to (estimator, trial, time[, columns])."""
-            stacked = np.full((len(names), count, len(times), columns or 1), np.nan)
+        def per_estimator(port: str, width: int | None) -> Array:
+            """Stack (time, trial, k) logs of all estimators to (estimator, trial, time[, width])."""
+            stacked = np.full((len(names), count, len(times), width or 1), np.nan)
             for i, name in enumerate(names):
                 log = signals[f"{name}/{port}"].swapaxes(0, 1)[:count]
                 stacked[i, ..., : log.shape[-1]] = log
-            return stacked if columns else stacked[..., 0]
+            return stacked if width else stacked[..., 0]
 
-        truth = signals["truth"].swapaxes(0, 1)
+        def per_state(port: str) -> Array:
+            """Stack (time, trial, n) logs by the names of their components, to (estimator, trial, time, state)."""
+            stacked = np.full((len(names), count, len(times), len(states)), np.nan)
+            for i, name in enumerate(names):
+                stacked[i][..., places[i]] = signals[f"{name}/{port}"].swapaxes(0, 1)[:count]
+            return stacked
+
         # The truth may have states that no estimator of this study has, and the other way round.
-        missing = np.full((*truth.shape[:2], max(0, size - truth.shape[-1])), np.nan)
-        truth = np.concatenate([truth[..., :size], missing], axis=-1)[:count]
+        logged = signals["truth"].swapaxes(0, 1)[:count]
+        both = shared(states, truth_names)
+        truth = np.full((*logged.shape[:2], len(states)), np.nan)
+        truth[..., columns(states, both)] = logged[..., columns(truth_names, both)]
         data: dict[str, Any] = {
             "truth": self._of_trials("truth", truth, ("time", "state")),
-            "estimate": (("estimator", "trial", "time", "state"), per_estimator("estimate", size)),
+            "estimate": (("estimator", "trial", "time", "state"), per_state("estimate")),
             **{
                 port: (("estimator", "trial", "time"), per_estimator(port, None)) for port in ("nees", "nis", "nis_dof")
             },
@@ -304,11 +314,11 @@ class Study:
             ),
         }
         if request.keep in ("covariance", "all"):
-            square = np.full((len(names), count, len(times), size, size), np.nan)
+            square = np.full((len(names), count, len(times), len(states), len(states)), np.nan)
             for i, name in enumerate(names):
-                n = wired.estimators[name].motion.size
                 log = signals[f"{name}/covariance"].swapaxes(0, 1)[:count]
-                square[i, ..., :n, :n] = log.reshape(count, len(times), n, n)
+                here = np.arange(len(states))[places[i]]
+                square[i][..., here[:, None], here] = log.reshape(count, len(times), here.size, here.size)
             data["covariance"] = (("estimator", "trial", "time", "state", "state_"), square)
         if request.keep in ("measurements", "all"):
             data["measurement"] = self._of_trials(
@@ -317,7 +327,7 @@ class Study:
             for name in wired.signals:
                 data[name] = self._of_trials(name, signals[name].swapaxes(0, 1)[:count], ("time", f"{name}_row"))
         if request.keep == "all":
-            data["prediction"] = (("estimator", "trial", "time", "state"), per_estimator("prediction", size))
+            data["prediction"] = (("estimator", "trial", "time", "state"), per_state("prediction"))
             rows = max(estimator.model.size for estimator in wired.estimators.values())
             data["innovation"] = (
                 ("estimator", "trial", "time", "innovation_row"),
@@ -325,12 +335,16 @@ class Study:
             )
         rows = signals["measurement"].shape[-1] if "measurement" in signals else 0
         stream = next((e.wiring.stream for e in wired.estimators.values() if len(e.wiring.stream) == rows), range(rows))
+        motions = [estimator.motion for estimator in wired.estimators.values()]
+        units = {state: unit for motion in motions for state, unit in zip(motion.names, motion.units, strict=True)}
         coordinates: dict[str, Any] = {
             "estimator": names,
             "trial": np.arange(first, first + count),
             "time": ("time", times, {"units": "s"}),
-            "state": list(motion.names),
-            "state_units": ("state", list(motion.units)),
+            "state": list(states),
+            "state_units": ("state", [units[state] for state in states]),
+            "in_truth": ("state", [state in truth_names for state in states]),
+            "in_estimate": (("estimator", "state"), [[state in own for state in states] for own in owned]),
         }
         if "measurement" in data:
             coordinates["row"] = list(wired.stream or stream)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from diagrams.errors import UserError
 from systems.clocks import Clock
 from systems.estimators.base import Estimator
 from systems.motion.base import MotionModel
@@ -41,8 +42,9 @@ class Wired:
     divergence : float
         Position error at the last epoch beyond which a trial counts as diverged [m].
     start_covariance : callable
-        ``(estimator name, truth (trials, n), platforms) -> (trials, n, n)``: covariance of the start at the truth;
-        it is the prior of the bounds.
+        ``(estimator name, truth (trials, n), platforms) -> (trials, n, n)``: covariance of the start at the truth,
+        which is written as the estimator's state; it is the prior of the bounds. An estimator whose state is not
+        the system's own may be asked for its `Start.covariance_at` instead.
     truth_motion : MotionModel, optional
         The motion that the truth really has, for the bound that does not know the filter's process noise (of a rocket:
         deviations from a flight whose acceleration is known); None where it is none of the models, and that bound is
@@ -62,8 +64,9 @@ class Wired:
         What a reader of the results must know; printed below the table.
     convergence : float or None
         The convergence time is when the RMSE of the position falls below this for good [m]; None: as `metrics` has it.
-    axes : int
-        Number of space dimensions: a state begins with so many coordinates, and then as many velocities if any.
+    truth_states : sequence of str, optional
+        Names of the components on `truth`; by default those of the block's motion model, of `truth_motion`, or of the
+        estimators with so many, whichever is the first to fit.
     stream : sequence of str, optional
         Names of the rows of `measurement`, where estimators are wired to something else that is made of it.
     widest : int, optional
@@ -87,9 +90,39 @@ class Wired:
     frame: str = "earth_fixed"
     note: str = ""
     convergence: float | None = None
-    axes: int = 3
+    truth_states: Sequence[str] | None = None
     stream: Sequence[str] | None = None
     widest: int | None = None
+
+    @property
+    def truth_names(self) -> tuple[str, ...]:
+        """Names of the components on `truth`.
+
+        Raises
+        ------
+        UserError
+            If `truth_states` does not fit the port, or nothing says what its components are.
+        """
+        block = self.truth.get_system()
+        size = block.output_size(self.truth.get_name())[1]
+        if self.truth_states is not None:
+            if len(self.truth_states) != size or len(set(self.truth_states)) != size:
+                raise UserError(f"truth_states: {list(self.truth_states)} is not allowed; {size} different names")
+            return tuple(self.truth_states)
+        for motion in (getattr(block, "motion", None), self.truth_motion):
+            if isinstance(motion, MotionModel) and motion.size == size:
+                return tuple(motion.names)
+        alike = {tuple(e.motion.names) for e in self.estimators.values() if e.motion.size == size}
+        if len(alike) != 1:
+            raise UserError(f"truth_states: None is not allowed; names of the {size} components of the truth")
+        return alike.pop()
+
+    @property
+    def estimated_names(self) -> tuple[str, ...]:
+        """Names of the components that the estimators have: of the largest state, then what others have beside it."""
+        motions = [estimator.motion for estimator in self.estimators.values()]
+        largest = max(motions, key=lambda motion: motion.size)
+        return tuple(dict.fromkeys([*largest.names, *(name for motion in motions for name in motion.names)]))
 
 
 @dataclass(frozen=True)

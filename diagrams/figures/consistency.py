@@ -34,10 +34,15 @@ def draw_consistency(dataset: xr.Dataset, kind: str) -> Figure:
     figure, axes = new_figure()
     time = dataset["time"].values
     if kind == "nees":
-        freedom = dataset.sizes["state"]
         found = nees_statistics(dataset, _CONFIDENCE)
-        curve, lower, upper, one = found["mean"], found["lower"], found["upper"], float(freedom)
-        label = f"mean NEES over trials (consistent: {freedom})"
+        freedom = found["freedom"]
+        one = float(freedom[0])
+        label = f"mean NEES over trials (consistent: {one:g})"
+        if (freedom != one).any():  # estimators of different states
+            per = freedom.where(freedom > 0)
+            found, one = found.assign({part: found[part] / per for part in ("mean", "lower", "upper")}), 1.0
+            label = "mean NEES over trials / components judged (consistent: 1)"
+        curve, lower, upper = found["mean"], found["lower"], found["upper"]
     else:
         found = nis_statistics(dataset, _CONFIDENCE)
         curve, lower, upper, one = found["ratio"], found["lower"], found["upper"], 1.0

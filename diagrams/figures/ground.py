@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from diagrams.figures.style import grid, legend_outside, looks, new_figure, title
+from diagrams.states import POSITION
 from systems.frames import ecef_to_geodetic, enu_rotation
 
 __all__ = ["draw_ground"]
@@ -25,7 +26,7 @@ _LABEL: dict[str, Any] = {  # readable where a track or a dot lies below it
     "bbox": {"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
     "zorder": 5,
 }
-_PLANES = {"launch": ((0, "down-range X"), (2, "Z"))}
+_PLANES = {"launch": (("x", "down-range X"), ("z", "Z"))}
 """Which two axes lie along the ground in a frame that is not Earth-fixed, and their names; else the first two."""
 
 
@@ -47,11 +48,11 @@ def draw_ground(dataset: xr.Dataset) -> Figure:
     figure, (left, right) = new_figure(columns=2)
     frame = dataset.attrs.get("frame", "earth_fixed")
     if frame not in ("earth_fixed", "local"):
-        _draw_plane(left, right, dataset, _PLANES.get(frame, ((0, "x"), (1, "y"))))
+        _draw_plane(left, right, dataset, _PLANES.get(frame, (("x", "x"), ("y", "y"))))
         figure.suptitle(title(dataset))
         legend_outside(figure, right, markerscale=2.5)
         return figure
-    truth = dataset["truth"]
+    truth = _positions(dataset)["truth"]
     if "trial" in truth.dims:
         _draw_tracks(left, truth.transpose("trial", "time", "state").values, dataset)
     else:
@@ -60,6 +61,12 @@ def draw_ground(dataset: xr.Dataset) -> Figure:
     figure.suptitle(title(dataset))
     legend_outside(figure, right, markerscale=2.5)
     return figure
+
+
+def _positions(dataset: xr.Dataset) -> xr.Dataset:
+    """Return truth and estimates with x, y, z alone, as far as they are there."""
+    placed = [name for name in POSITION if name in dataset["state"].values]
+    return dataset[["truth", "estimate"]].sel(state=placed)
 
 
 def _local(dataset: xr.Dataset) -> bool:
@@ -85,7 +92,7 @@ def _track(axes: Any, position: Array, color: str, local: bool, **keywords: Any)
 
 def _draw_tracks(axes: Any, target: Array, dataset: xr.Dataset) -> None:
     local = _local(dataset)
-    target = target[..., : 2 if local else 3]
+    target = target[..., :2] if local else target
     if "platforms" in dataset:
         carriers = dataset["platforms"].values
         carriers = carriers if carriers.ndim == 3 else carriers[0]
@@ -119,22 +126,25 @@ def _draw_tracks(axes: Any, target: Array, dataset: xr.Dataset) -> None:
     grid(axes)
 
 
-def _draw_plane(left: Any, right: Any, dataset: xr.Dataset, plane: tuple[tuple[int, str], tuple[int, str]]) -> None:
-    (i, across), (j, up) = plane
-    known = dataset["truth"]
+def _draw_plane(left: Any, right: Any, dataset: xr.Dataset, plane: tuple[tuple[str, str], tuple[str, str]]) -> None:
+    (first, across), (second, up) = plane
+    positions = _positions(dataset)
+    i, j = (list(positions["state"].values).index(name) for name in (first, second))
+    known = positions["truth"]
     truth = known.transpose("trial", "time", "state").values if "trial" in known.dims else known.values[None]
     if "platforms" in dataset:
         carriers = dataset["platforms"].values
         carriers = (carriers if carriers.ndim == 3 else carriers[0]) / 1e3
-        left.plot(carriers[..., i], carriers[..., j], color=_CARRIERS, linewidth=1.5)
-        left.plot(carriers[0, :, i], carriers[0, :, j], "o", color=_CARRIERS, markersize=6, label="carriers")
+        u, v = POSITION.index(first), POSITION.index(second)
+        left.plot(carriers[..., u], carriers[..., v], color=_CARRIERS, linewidth=1.5)
+        left.plot(carriers[0, :, u], carriers[0, :, v], "o", color=_CARRIERS, markersize=6, label="carriers")
         for k, place in enumerate(carriers[-1]):
-            left.annotate(str(k), place[[i, j]], **_LABEL)
+            left.annotate(str(k), place[[u, v]], **_LABEL)
     for k, course in enumerate(truth[:20] / 1e3):
         left.plot(course[:, i], course[:, j], color="#d55e00", linewidth=2.0, label="target" if k == 0 else None)
     left.set(xlabel=f"{across} [km]", ylabel=f"{up} [km]", title="tracks seen from above")
     left.legend(frameon=False, loc="best")
-    last = dataset.isel(time=-1)
+    last = positions.isel(time=-1)
     difference = (last["estimate"] - last["truth"]).transpose("estimator", "trial", "state").values
     for k, (name, look) in enumerate(looks(dataset).items()):
         finite = difference[k][np.isfinite(difference[k][:, [i, j]]).all(axis=-1)]
@@ -151,9 +161,9 @@ def _draw_plane(left: Any, right: Any, dataset: xr.Dataset, plane: tuple[tuple[i
 
 
 def _draw_last_errors(axes: Any, dataset: xr.Dataset) -> None:
-    last = dataset.isel(time=-1)
-    truth = last["truth"].values[..., :3]
-    estimate = last["estimate"].transpose("estimator", "trial", "state").values[..., :3]
+    last = _positions(dataset).isel(time=-1)
+    truth = last["truth"].values
+    estimate = last["estimate"].transpose("estimator", "trial", "state").values
     if _local(dataset):
         offset = (estimate - truth)[..., :2] / 1e3
     else:

@@ -15,7 +15,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from diagrams.errors import UserError, choose
-from diagrams.metrics import QUANTITIES, axis_errors, errors
+from diagrams.metrics import NEEDED, QUANTITIES, axis_errors, errors
+from diagrams.states import shared
 from diagrams.system import Wired
 from diagrams.verification.statistics import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean, Statistic
 from systems.documented import choice, documented, number, text
@@ -42,28 +43,29 @@ class Run:
         self.divergence = wired.divergence
         self.threshold = wired.convergence
         self.estimators = list(wired.estimators)
-        # as a study has it: the states of the truth, as far as some estimator has so many
+        # as a study has it: the states that estimator and truth both have
         models = {name: estimator.motion for name, estimator in wired.estimators.items()}
-        widest = max(models.values(), key=lambda motion: motion.size)
-        self.units = dict(zip(widest.names, widest.units, strict=True))
-        self.states = {name: list(motion.names) for name, motion in models.items()}
-        self.quantities = {name: _quantities(states, wired.frame) for name, states in self.states.items()}
+        self.units = {state: u for m in models.values() for state, u in zip(m.names, m.units, strict=True)}
+        judged = shared(wired.estimated_names, wired.truth_names)
+        self.states = {name: list(shared(motion.names, judged)) for name, motion in models.items()}
+        self.quantities = {name: _quantities(states, judged, wired.frame) for name, states in self.states.items()}
 
     def unit(self, of: str) -> str:
         """Return the unit of a quantity or component."""
         return _UNITS.get(of) or self.units.get(of, "")
 
 
-def _quantities(states: Sequence[str], frame: str) -> list[str]:
-    """Return what `diagrams.metrics.errors` and `axis_errors` find for such a state."""
-    row = np.zeros((1, 1, 1, len(states)))
-    row[..., 0] = 7e6  # somewhere on the Earth
+def _quantities(states: Sequence[str], judged: Sequence[str], frame: str) -> list[str]:
+    """Return what `diagrams.metrics.errors` and `axis_errors` find of those components, where the study judges more."""
+    row = np.zeros((1, 1, 1, len(judged)))
+    row[..., :1] = 7e6  # somewhere on the Earth
     still = xr.Dataset(
         {"estimate": (("estimator", "trial", "time", "state"), row), "truth": (("time", "state"), row[0, 0])},
-        {"state": list(states)},
+        {"state": list(judged)},
         {"frame": frame},
     )
-    return list(dict.fromkeys([*map(str, errors(still)), *states]))
+    found = [str(of) for of in errors(still) if set(shared(NEEDED[str(of)], judged)) <= set(states)]
+    return list(dict.fromkeys([*found, *states]))
 
 
 class View:
@@ -380,7 +382,7 @@ class Nees(_Timed):
         epochs = self.epochs(run)
         mean = _mean(view.number("nees", estimator, epochs))[:, None]
         mean[view.lost(estimator, epochs)] = np.inf  # left out, the trials that survive would speak for all
-        return mean / len(run.states[estimator]) if self.per_state else mean
+        return mean / (len(run.states[estimator]) or np.nan) if self.per_state else mean
 
     def statistic(self, run: Run) -> Statistic:
         """Return a mean."""

@@ -52,6 +52,13 @@ class Start(ABC):
             What the ports named by `inputs` carry.
         """
 
+    def covariance_at(self, target: Array, platforms: Array) -> Array | None:
+        """Return the covariance of the start for a target at `target` (trials, n), shape (..., n, n), or None.
+
+        It is the prior of the bounds; None, the default, where the start cannot say it.
+        """
+        return None
+
 
 class CloudStart(Start):
     """A start that can also draw from what it knows, where one Gaussian cannot say it."""
@@ -97,6 +104,10 @@ class GivenStart(Start):
                 raise ValueError(f"start: the {what} is for {own[0]} trials, there are {trials}")
         return np.broadcast_to(self._mean, (trials, n)), np.broadcast_to(self._covariance, (trials, n, n))
 
+    def covariance_at(self, target: Array, platforms: Array) -> Array:
+        """See `Start.covariance_at`."""
+        return self._covariance
+
 
 class PortStart(Start):
     """Start from a prior mean that arrives on the port ``initial_estimate``, with a given covariance.
@@ -120,3 +131,7 @@ class PortStart(Start):
         """See `Start.begin`."""
         mean = inputs["initial_estimate"]
         return mean, np.broadcast_to(self._covariance, (mean.shape[0], *self._covariance.shape))
+
+    def covariance_at(self, target: Array, platforms: Array) -> Array:
+        """See `Start.covariance_at`."""
+        return self._covariance

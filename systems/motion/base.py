@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +27,16 @@ class MotionModel(ABC):
     input_size : int
         How many numbers per trial an estimator has to carry from step to step as an input of the motion (a mean
         acceleration, say); with 0 the three methods for it are never called.
+    nominal : mapping of str to float
+        What a component is worth in a truth that has no such component, for the bounds: 0 unless it is named here
+        (a scale factor, say, is 1).
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     linear: bool = False
     input_size: int = 0
+    nominal: Mapping[str, float] = MappingProxyType({})
 
     @property
     def size(self) -> int:

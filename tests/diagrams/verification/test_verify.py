@@ -197,10 +197,14 @@ requirements:
 
 
 def test_a_system_without_that_number(tmp_path):
-    """A rocket has no height above the ellipsoid, and its filter without the bias no bound."""
-    text = "system: beacon_rocket\nset: [stop_s=51]\ntrials: 60\ntrial_limit: 60\nrequirements:\n"
-    row = "  - {metric: !Efficiency {of: position, time_s: 51}, estimator: ukf_unaugmented, at_most: 2}\n"
-    with pytest.raises(ValueError, match="estimator ukf_unaugmented has no such bound in this system"):
+    """A rocket has no height above the ellipsoid, and a bias that grows with a power of time no motion of its own."""
+    text = "system: beacon_rocket\nset: [stop_s=51, \"bias={_tag: '!PowerBias'}\"]\n"
+    text += "trials: 60\ntrial_limit: 60\nrequirements:\n"
+    row = "  - {metric: !Efficiency {of: position, time_s: 51, bound: bound_truth}, estimator: ukf, at_most: 2}\n"
+    with pytest.raises(ValueError, match="estimator ukf has no such bound in this system"):
+        verify(written(tmp_path, text + row))
+    row = "  - {metric: !Rmse {of: bias, time_s: 51}, estimator: ukf_unaugmented, at_most: 2}\n"
+    with pytest.raises(ValueError, match=r"requirements\.0\.metric\.of: bias is not known; there are position, velo"):
         verify(written(tmp_path, text + row))
     row = "  - {metric: !Rmse {of: height, time_s: 51}, estimator: ukf, at_most: 2}\n"
     with pytest.raises(ValueError, match=r"requirements\.0\.metric\.of: height is not known; there are position, velo"):

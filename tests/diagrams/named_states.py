@@ -1,0 +1,140 @@
+"""A system whose estimators have other states than the truth: in another order, larger, smaller."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from diagrams.system import System, Wired
+from systems.clocks import Periodic
+from systems.estimators.base import Wiring
+from systems.estimators.kalman import KalmanEstimator
+from systems.estimators.start import GivenStart
+from systems.filters.iterated_extended import IteratedExtendedKalman
+from systems.measurement.base import MeasurementModel
+from systems.motion.base import MotionModel
+from systems.plants.model_plant import ModelPlant
+from systems.sensors.sensor import Sensor
+from systems.signals import Constant
+
+TRUTH = ("x", "vx", "y", "vy")
+STATES = {
+    "usual": ("x", "y", "vx", "vy"),
+    "turned": ("vy", "x", "vx", "y"),
+    "biased": ("bias", "x", "y", "vx", "vy"),
+    "still": ("y", "x"),
+}
+START = {"x": (3e3, 80.0), "y": (4e3, 120.0), "vx": (20.0, 6.0), "vy": (-15.0, 4.0), "bias": (0.0, 30.0)}
+STATIONS = np.array([[[0.0, 0, 0, 0, 0, 0], [9e3, -1e3, 0, 0, 0, 0], [2e3, 9e3, 0, 0, 0, 0]]])
+SIGMA = 10.0
+WEIGHTS = {"x": 1.0, "y": 2.0, "vx": 3.0, "vy": 4.0, "bias": 5.0}
+
+
+class Drift(MotionModel):
+    """Constant velocities and a bias, as far as they are in the state; white noise on all of it."""
+
+    linear = True
+
+    def __init__(self, names, density):
+        self.names, self.density = tuple(names), density
+        self.units = tuple("m/s" if name.startswith("v") else "m" for name in names)
+
+    def transition(self, state, dt):
+        phi = np.eye(self.size)
+        for axis in "xy":
+            if {axis, "v" + axis} <= set(self.names):
+                phi[self.names.index(axis), self.names.index("v" + axis)] = dt
+        return phi
+
+    def propagate(self, state, dt):
+        return np.einsum("ij,...j->...i", self.transition(state, dt), state)
+
+    def process_noise(self, state, dt):
+        return np.diag([self.density * dt * WEIGHTS[name] for name in self.names])
+
+
+class Ranges(MeasurementModel):
+    """Distances in the plane, all with the bias that may be in the state."""
+
+    names = tuple(f"range_{i}" for i in range(STATIONS.shape[1]))
+    units = ("m",) * len(names)
+
+    def __init__(self, states):
+        self.states = list(states)
+        self.place = [self.states.index(axis) for axis in "xy"]
+
+    def linearize(self, target, platforms):
+        offset = target[..., None, self.place] - platforms[..., :2]
+        distance = np.linalg.norm(offset, axis=-1)
+        jacobian = np.zeros((*distance.shape, target.shape[-1]))
+        jacobian[..., self.place] = offset / distance[..., None]
+        if "bias" in self.states:
+            jacobian[..., self.states.index("bias")] = 1.0
+            distance = distance + target[..., [self.states.index("bias")]]
+        return distance, jacobian
+
+    def predict(self, target, platforms):
+        return self.linearize(target, platforms)[0]
+
+    def jacobian(self, target, platforms):
+        return self.linearize(target, platforms)[1]
+
+    def noise_covariance(self):
+        return SIGMA**2 * np.eye(self.size)
+
+
+def belief(names):
+    """Mean and covariance of the start, by names."""
+    mean, sigma = np.array([START[name] for name in names]).T
+    return mean, np.diag(sigma**2)
+
+
+@dataclass
+class Scenario:
+    duration_s: float = 10.0
+    period_s: float = 1.0
+    density: float = 0.0
+    speechless: bool = False
+    estimators: dict[str, str] = field(default_factory=lambda: {name: name for name in STATES})
+
+
+def wire(builder, scenario, estimators, trials):
+    clock = Periodic(scenario.period_s)
+    true = Drift(TRUTH, scenario.density)
+    target = builder.AddSystem(ModelPlant(true, clock, *belief(TRUTH), trials))
+    stations = builder.AddSystem(Constant("stations", STATIONS.reshape(1, -1)))
+    sensor = builder.AddSystem(Sensor(Ranges(TRUTH), clock, trials, STATIONS.shape[1], trials, len(TRUTH)))
+    builder.Connect(target.GetOutputPort("state"), sensor.GetInputPort("target"))
+    builder.Connect(stations.GetOutputPort("state"), sensor.GetInputPort("platforms"))
+    blocks = {}
+    for name in estimators:
+        own = STATES[name]
+        start = GivenStart(*belief(own))
+        if scenario.speechless:
+            start.covariance_at = lambda *_: None
+        wiring = Wiring(trials, Ranges.names, clock, STATIONS.shape[1])
+        filters = IteratedExtendedKalman(1), Ranges(own), Drift(own, 0.5), start, wiring
+        block = builder.AddSystem(KalmanEstimator(name, *filters))
+        builder.Connect(sensor.GetOutputPort("measurement"), block.GetInputPort("measurement"))
+        builder.Connect(stations.GetOutputPort("state"), block.GetInputPort("platforms"))
+        blocks[name] = block
+
+    def start_covariance(name, target, carriers):
+        """Of the truth's size, as a system has it that knows nothing of a user's larger state."""
+        return belief(TRUTH)[1] if name == "biased" else belief(STATES[name])[1]
+
+    return Wired(
+        truth=target.GetOutputPort("state"),
+        platforms=stations.GetOutputPort("state"),
+        measurement=sensor.GetOutputPort("measurement"),
+        estimators=blocks,
+        clock=clock,
+        duration=scenario.duration_s,
+        divergence=1e4,
+        start_covariance=start_covariance,
+        truth_motion=true,
+        start_uses_measurement=False,
+        frame="local",
+    )
+
+
+SYSTEM = System("named_states", "states by name", Scenario, wire)
