@@ -20,6 +20,7 @@ from systems.clocks import Periodic
 from systems.documented import choice, count, documented, number
 from systems.frames import inertial_to_earth_fixed
 from systems.iq import modulation, pulse_train
+from systems.iq.bussgang import Quantiser
 from systems.iq.waveform import Waveform
 from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.direction import BodyDirection
@@ -50,6 +51,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+_COARSE = "; more, as so few bits of the link take more from pulses, which stand above the mean, than from noise"
 _LEAST_CELLS = 16  # a band of fewer frequency cells has no spectrum to speak of, nor a time difference
 _SAMPLES_AT_ONCE = 2e6  # of one receiver in all trials: noise, sums and copies are some 200 bytes for each
 
@@ -208,17 +210,19 @@ def prefilter_of(signal: Signal) -> Prefilter:
 
 
 def predicted_sigmas(signal: Signal) -> tuple[float, float]:
-    """Return the standard deviations of TDOA [s] and FDOA [Hz] to first order in the noise.
+    """Return the standard deviations of TDOA [s] and FDOA [Hz] to first order in the noise and what the link distorts.
 
-    They are what bounds are computed with; the estimators get those that the samples of every epoch show.
+    They are what bounds are computed with; the estimators get those that the samples of every epoch show. What the link
+    distorts is that of a stationary Gaussian signal, see `systems.ambiguity.variance`.
     """
     rate = signal.sample_rate_mhz * 1e6
     matched = Matched(waveform_of(signal))
     moments = matched.moments(rate)
     if signal.prefilter == "none":
         moments = type(moments)(moments.frequency, moments.step, np.ones_like(moments.weight), moments.spectrum)
-    snr = (10 ** (decibels / 10) for decibels in (signal.snr_main_db, signal.snr_auxiliary_db))
-    sigmas = exact(moments, rate, signal.samples / rate, *snr)
+    snr = [10 ** (decibels / 10) for decibels in (signal.snr_main_db, signal.snr_auxiliary_db)]
+    link = Quantiser(signal.link_bits, signal.link_full_scale) if signal.link_bits else None
+    sigmas = exact(moments, rate, signal.samples / rate, snr[0], snr[1], (None, link))
     return float(sigmas.delay), float(sigmas.frequency)
 
 
@@ -369,5 +373,5 @@ def _note(signal: Signal) -> str:
     return (
         f"SNR {signal.snr_main_db:g} and {signal.snr_auxiliary_db:g} dB in the sample rate of "
         f"{signal.sample_rate_mhz:g} MHz leave {1e9 * delay:.3g} ns of TDOA and {frequency:.3g} Hz of FDOA above the "
-        "threshold"
+        "threshold" + (_COARSE if 0 < signal.link_bits < 4 and isinstance(signal.waveform, PulseTrain) else "")
     )
