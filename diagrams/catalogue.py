@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -78,6 +79,7 @@ def load_scenario(
     file: Path | str | None = None,
     settings: Sequence[str] = (),
     text: str | None = None,
+    trust: bool = False,
 ) -> Any:
     """Return the scenario: packaged values, then the variant's, a user's file, and settings.
 
@@ -93,6 +95,8 @@ def load_scenario(
         ``KEY=VALUE``, dotted.
     text : str, optional
         A whole scenario as text, instead of the packaged ones (a result carries its own).
+    trust : bool
+        Whether `text` may name classes, which are imported when the scenario is wired.
 
     Returns
     -------
@@ -102,7 +106,7 @@ def load_scenario(
     Raises
     ------
     UserError
-        Naming the field, the value and what is allowed.
+        Naming the field, the value and what is allowed, or a class that the text names without `trust`.
     """
     from diagrams.scenario import apply_setting, load, merge, read_yaml
 
@@ -110,6 +114,8 @@ def load_scenario(
     schema = system(name).scenario
     if text is not None:
         data = read_yaml(text)
+        if not trust:
+            _refuse_classes(load(schema, [data]))
     else:
         data = read_yaml(_folder() / f"{name}.yaml")
         if variant is not None:
@@ -164,6 +170,31 @@ def _check_sense(scenario: Any) -> None:
                 f"estimators: the name {name!r} is not allowed; letters, digits, _, - and +, the first a letter or "
                 "digit, at most 60"
             )
+
+
+def _refuse_classes(scenario: Any) -> None:
+    from systems.estimators.custom import Custom
+
+    for where, part in _parts(scenario, ""):
+        if isinstance(part, Custom):
+            raise UserError(
+                f"{where}.class: {part.class_} is code that the result names, and is not imported; add --trust if you "
+                "know it"
+            )
+
+
+def _parts(value: Any, where: str) -> Iterator[tuple[str, Any]]:
+    """Yield everything in a scenario with its dotted path."""
+    yield where, value
+    inner: Iterable[tuple[Any, Any]] = ()
+    if dataclasses.is_dataclass(value):
+        inner = ((field.name, getattr(value, field.name)) for field in dataclasses.fields(value))
+    elif isinstance(value, Mapping):
+        inner = value.items()
+    elif isinstance(value, list):
+        inner = enumerate(value)
+    for key, item in inner:
+        yield from _parts(item, f"{where}.{key}" if where else str(key))
 
 
 def _check_epochs(scenario: Any) -> None:

@@ -144,6 +144,9 @@ def run(
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write results, summary and figures here.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="With --from: import the estimator classes that the result names.")
+    ] = False,
 ) -> None:
     """Run a study: print a table; with --out write results.zarr, summary.json, figures and diagram.svg."""
     from diagrams.running import run_command
@@ -159,7 +162,7 @@ def run(
         "every": every,
         "chunk": chunk,
     }
-    run_command(system, {k: v for k, v in asked.items() if v is not None}, from_, out, overwrite)
+    run_command(system, {k: v for k, v in asked.items() if v is not None}, from_, out, overwrite, trust)
 
 
 @app.command()

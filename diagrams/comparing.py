@@ -12,7 +12,8 @@ from typing import Any
 from diagrams.catalogue import split_name
 from diagrams.compare import ComparedStudy, Lineup, prepare, statistics
 from diagrams.errors import UserError, choose
-from diagrams.results import OutputFolder, open_result, write_summary
+from diagrams.output import OutputFolder
+from diagrams.results import open_result, write_summary
 from diagrams.study import join
 from diagrams.tables import Column, Styled, Table, number, print_table, with_interval
 from diagrams.terminal import say
@@ -78,7 +79,7 @@ def _one(study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | Non
     from diagrams.figures.style import save
     from diagrams.metrics import summarise
 
-    with OutputFolder(out, overwrite) as folder:
+    with OutputFolder(out, overwrite, "compare") as folder:
         try:
             for chunk in study.chunks(progress=True):
                 folder.append(chunk)
@@ -93,10 +94,10 @@ def _one(study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | Non
         found = statistics(dataset, study, chosen, at=at)
         found["run_seconds"] = round(time.monotonic() - began, 3)
         text = json.dumps(found, indent=1, allow_nan=False) + "\n"
-        (folder.partial / "comparison.json").write_text(text, encoding="utf-8")
-        write_summary(folder.partial / "summary.json", dataset, summarise(dataset), began)
-        save(draw_comparison(found), folder.partial / "comparison.png")
-        study_figures(dataset, folder.partial)
+        (folder.work / "comparison.json").write_text(text, encoding="utf-8")
+        write_summary(folder.work / "summary.json", dataset, summarise(dataset), began)
+        save(draw_comparison(found), folder.work / "comparison.png")
+        study_figures(dataset, folder.work)
         folder.finish()
     return found
 

@@ -15,9 +15,10 @@ from pydrake.systems.framework import System
 
 from diagrams.errors import UserError
 
-__all__ = ["diagram_dot", "draw", "find_graphviz"]
+__all__ = ["diagram_dot", "draw", "find_graphviz", "is_drawing"]
 
 _FORMATS = (".svg", ".png")
+_SIGNATURE = b"<!-- a block diagram drawn by quietfix -->"
 _FEEDBACK = 'color="#c00000", style=dashed, penwidth=1.8'
 _KNOWN_TO_ALL = 'color="#b0b0b0"'
 _STYLE = """ranksep=1.2
@@ -139,5 +140,14 @@ def draw(
         if process.returncode != 0:
             words = complaint if isinstance(complaint, str) else bytes(complaint).decode(errors="replace")
             raise UserError(f"draw: {find_graphviz()} failed ({words.strip()})")
-        target.write_bytes((Path(folder) / "diagram.out").read_bytes())
+        drawn = (Path(folder) / "diagram.out").read_bytes()
+    target.write_bytes(drawn.replace(b"<svg", _SIGNATURE + b"\n<svg", 1) if target.suffix.lower() == ".svg" else drawn)
     return target
+
+
+def is_drawing(path: Path) -> bool:
+    """Return whether a file is an SVG that `draw` wrote."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        return _SIGNATURE in stream.read(4096)

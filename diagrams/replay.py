@@ -130,6 +130,7 @@ def replay(
     progress: bool = True,
     file: Path | str | Sequence[Path | str] | None = None,
     settings: Sequence[str] = (),
+    overwrite: bool = False,
 ) -> Replay:
     """Run estimator blocks on a recording, print a table and, if asked, write figures and ``summary.json``.
 
@@ -140,13 +141,15 @@ def replay(
     data : path, optional
         See `data_folder`.
     out : path, optional
-        Folder for what is written; it is made if need be.
+        Folder for what is written: a new one, or see `overwrite`.
     progress : bool
         Show a progress bar.
     file : path or sequence of path, optional
         What is replayed, where the data set takes files of the user's own.
     settings : sequence of str
         ``KEY=VALUE``, where the data set has settings.
+    overwrite : bool
+        Whether an earlier result in `out` may be replaced.
 
     Returns
     -------
@@ -157,22 +160,32 @@ def replay(
     UserError
         For an unknown data set, missing or broken data, or a folder that cannot be written.
     """
-    from diagrams.tables import print_table
-    from diagrams.terminal import say
+    from diagrams.output import OutputFolder
     from systems.registry import locate
 
     entry: Dataset = locate(REPLAYS[choose("dataset", dataset, REPLAYS)])
     files = [Path(file)] if isinstance(file, str | Path) else [Path(one) for one in file or ()]
     extra = _settings(entry, settings)
     source = _own_files(entry, files) if entry.takes_file or files else data_folder(entry, data, entry.holds)
-    began = time.monotonic()
-    result = entry.run(source, progress, *extra)
-    seconds = time.monotonic() - began
+    if out is None:
+        return _shown(entry, source, progress, extra)
+    with OutputFolder(out, overwrite, "replay") as folder:
+        began = time.monotonic()
+        result = _shown(entry, source, progress, extra)
+        _write(result, folder.work, dataset, time.monotonic() - began)
+        folder.finish()
+    return result
+
+
+def _shown(dataset: Dataset, source: Any, progress: bool, extra: Sequence[Any]) -> Replay:
+    """Run a replay and print its table."""
+    from diagrams.tables import print_table
+    from diagrams.terminal import say
+
+    result = dataset.run(source, progress, *extra)
     print_table(result.table())
     for note in result.notes():
         say(note)
-    if out is not None:
-        _write(result, Path(out), dataset, seconds)
     return result
 
 
@@ -229,9 +242,5 @@ def _write(result: Replay, out: Path, dataset: str, seconds: float) -> None:
     except PackageNotFoundError:
         installed = "0"
     content = {"dataset": dataset, "version": installed, "run_seconds": round(seconds, 3), **result.summary()}
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        result.draw(out)
-        (out / "summary.json").write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise UserError(f"--out: {out} cannot be written ({error.strerror or error})") from error
+    result.draw(out)
+    (out / "summary.json").write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")

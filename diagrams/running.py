@@ -13,7 +13,9 @@ import xarray as xr
 
 from diagrams.catalogue import load_scenario, split_name
 from diagrams.errors import UserError
-from diagrams.results import OutputFolder, open_result, write_summary
+from diagrams.output import OutputFolder, written_beside
+from diagrams.rerun import ask_again
+from diagrams.results import open_result, write_summary
 from diagrams.tables import Column, Table, number, print_table
 from diagrams.terminal import say
 
@@ -21,7 +23,12 @@ __all__ = ["draw_command", "gdop_command", "observe_command", "replay_command", 
 
 
 def run_command(
-    system: str | None, asked: Mapping[str, Any], from_: Path | None, out: Path | None, overwrite: bool
+    system: str | None,
+    asked: Mapping[str, Any],
+    from_: Path | None,
+    out: Path | None,
+    overwrite: bool,
+    trust: bool = False,
 ) -> None:
     """Run a study, print its table and write its folder; see ``quietfix run --help``."""
     from diagrams.metrics import summarise
@@ -30,7 +37,9 @@ def run_command(
     began = time.monotonic()
     options = dict(asked)
     if from_ is not None:
-        system, options = _from_result(from_, system, options)
+        system, options = ask_again(from_, system, options, trust)
+    elif trust:
+        raise UserError("--trust: it needs --from RESULT; what you name yourself is trusted")
     if system is None:
         raise UserError("system: it is missing; a name that `quietfix list` prints, or --from RESULT")
     study = Study(system, **options)
@@ -39,7 +48,7 @@ def run_command(
         dataset = join(parts)
         print_summary(dataset, summarise(dataset))
         return
-    with OutputFolder(out, overwrite) as folder:
+    with OutputFolder(out, overwrite, "run", reads=from_) as folder:
         try:
             for chunk in study.chunks(progress=True):
                 folder.append(chunk)
@@ -48,26 +57,11 @@ def run_command(
             raise
         dataset = open_result(folder.store)
         estimators = summarise(dataset)
-        write_summary(folder.partial / "summary.json", dataset, estimators, began)
-        _illustrate(dataset, study, folder.partial)
+        write_summary(folder.work / "summary.json", dataset, estimators, began)
+        _illustrate(dataset, study, folder.work)
         folder.finish()
-    print_summary(open_result(out), estimators)
+    print_summary(open_result(folder.final), estimators)
     print(f"wrote {out}: results.zarr, summary.json, figures, diagram.svg ({time.monotonic() - began:.1f} s)")
-
-
-def _from_result(path: Path, system: str | None, options: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return system and options of an earlier result; what is asked for now goes first."""
-    result = open_result(path)
-    attributes = result.attrs
-    name = attributes["system"]
-    if system is not None and split_name(system)[0] != name:
-        raise UserError(f"system: {system} is not that of --from {path}, which is {name}")
-    if "scenario" in options:
-        raise UserError("--scenario: it cannot be combined with --from; use --set")
-    again: dict[str, Any] = {key: int(attributes[key]) for key in ("seed", "first_trial", "trials", "every")}
-    again |= {"keep": attributes["keep"], "variant": attributes["variant"] or None}
-    again["scenario"] = load_scenario(name, text=attributes["scenario"], settings=options.pop("set", []))
-    return name, again | options
 
 
 def _say_interrupted(folder: OutputFolder, trials: int) -> None:
@@ -129,17 +123,20 @@ def draw_command(
     out: Path | None,
 ) -> None:
     """Draw a block diagram; see ``quietfix draw --help``."""
-    from diagrams.drawing import draw
+    from diagrams.drawing import draw, is_drawing
     from diagrams.study import Study
 
     path = out or Path(system.replace(":", "_") + ".svg")
     if path.suffix.lower() not in (".svg", ".png"):
         raise UserError(f"--out: {path} is not allowed; a file name that ends in .svg or .png")
-    study = Study(system, scenario=scenario, estimators=estimators, set=settings, trials=1)
-    diagram, wired = study.diagram()
-    with _Writing(path):
-        draw(diagram, path, dashed=wired.dashed, header=system)
-    print(f"wrote {path}")
+    existed = path.exists()
+    if existed and out is None and path.is_file() and not is_drawing(path):
+        raise UserError(f"--out: {path} exists and was not drawn by this program; name it to replace it")
+    with written_beside(path) as beside:
+        study = Study(system, scenario=scenario, estimators=estimators, set=settings, trials=1)
+        diagram, wired = study.diagram()
+        draw(diagram, beside, dashed=wired.dashed, header=system)
+    print(f"{'replaced' if existed else 'wrote'} {path}")
 
 
 def gdop_command(
@@ -151,8 +148,8 @@ def gdop_command(
     name, variant = split_name(system)
     map_of(name)
     resolved = load_scenario(name, variant, scenario, settings or [])
-    with OutputFolder(out or Path("gdop"), overwrite) as folder:
-        map_figures(name, resolved, folder.partial)
+    with OutputFolder(out or Path("gdop"), overwrite, "gdop") as folder:
+        map_figures(name, resolved, folder.work)
         folder.finish()
 
 
@@ -172,9 +169,9 @@ def observe_command(
     if out is not None:
         from diagrams.figures.observability import observe_figures
 
-        with OutputFolder(out, overwrite) as folder:
-            write_observability(folder.partial / "summary.json", found, system)
-            observe_figures(found, system, folder.partial)
+        with OutputFolder(out, overwrite, "observe") as folder:
+            write_observability(folder.work / "summary.json", found, system)
+            observe_figures(found, system, folder.work)
             folder.finish()
     report(found, system)
     if out is not None:
@@ -192,25 +189,6 @@ def replay_command(
     """Replay recorded measurements; see ``quietfix replay --help``."""
     from diagrams.replay import replay
 
-    if out is None:
-        replay(dataset, data=data, file=file, settings=settings or ())
-        return
-    with OutputFolder(out, overwrite) as folder:
-        replay(dataset, data=data, out=folder.partial, file=file, settings=settings or ())
-        folder.finish()
-    print(f"wrote {out}")
-
-
-class _Writing:
-    """Turn a failure to write into a user's mistake."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None:
-        """Begin."""
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        """Raise a `UserError` for an OSError."""
-        if isinstance(error, OSError):
-            raise UserError(f"--out: {self._path} cannot be written ({error.strerror or error})") from error
+    replay(dataset, data=data, out=out, overwrite=overwrite, file=file, settings=settings or ())
+    if out is not None:
+        print(f"wrote {out}")

@@ -11,7 +11,8 @@ from typing import Any
 
 import xarray as xr
 
-from diagrams.results import OutputFolder, open_result
+from diagrams.output import OutputFolder
+from diagrams.results import open_result
 from diagrams.sweep import Sweep, sweep_statistics
 from diagrams.tables import Column, Table, number, print_table, with_interval
 from diagrams.terminal import say
@@ -31,7 +32,7 @@ def sweep_command(system: str, vary: str, options: Mapping[str, Any], out: Path 
     from diagrams.figures.style import save
     from diagrams.figures.sweep import draw_sweep
 
-    with OutputFolder(out, overwrite) as folder:
+    with OutputFolder(out, overwrite, "sweep") as folder:
         try:
             for point in planned.points(progress=True):
                 folder.append(point, "point")
@@ -42,7 +43,7 @@ def sweep_command(system: str, vary: str, options: Mapping[str, Any], out: Path 
                 print(f"quietfix: {done} of {of} points are kept in {folder.partial}", file=sys.stderr)
             raise
         found = _write(folder)
-        save(draw_sweep(found, planned.vary.geometric), folder.partial / "sweep.png")
+        save(draw_sweep(found, planned.vary.geometric), folder.work / "sweep.png")
         folder.finish()
     print_table(sweep_table(found))
     say(_legend(found))
@@ -52,7 +53,7 @@ def sweep_command(system: str, vary: str, options: Mapping[str, Any], out: Path 
 def _write(folder: OutputFolder) -> dict[str, Any]:
     found = sweep_statistics(open_result(folder.store).load())
     text = json.dumps(found, indent=1, allow_nan=False) + "\n"
-    (folder.partial / "sweep.json").write_text(text, encoding="utf-8")
+    (folder.work / "sweep.json").write_text(text, encoding="utf-8")
     return found
 
 

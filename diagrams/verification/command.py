@@ -6,7 +6,7 @@ from pathlib import Path
 
 from diagrams.figures.style import save
 from diagrams.figures.verification import draw_verification
-from diagrams.results import OutputFolder
+from diagrams.output import OutputFolder
 from diagrams.tables import Column, Styled, Table, print_table
 from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED, WORDS
 from diagrams.verification.verify import Finding, Report, plain, verify
@@ -22,10 +22,10 @@ def verify_command(file: Path, trials: int | None, seed: int | None, out: Path |
         report = verify(file, trials=trials, seed=seed, progress=True)
         print_report(report)
         return report.status
-    with OutputFolder(out, overwrite) as folder:
+    with OutputFolder(out, overwrite, "verify") as folder:
         report = verify(file, trials=trials, seed=seed, progress=True)
-        (folder.partial / "verification.json").write_text(report.as_json(), encoding="utf-8")
-        save(draw_verification(report), folder.partial / "verification.png")
+        (folder.work / "verification.json").write_text(report.as_json(), encoding="utf-8")
+        save(draw_verification(report), folder.work / "verification.png")
         folder.finish()
     print_report(report)
     print(f"wrote {out}: verification.json, verification.png")

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from diagrams import command_line
+from diagrams.drawing import is_drawing
 from diagrams.results import open_result
 from tests.interrupts import listening
 
@@ -121,6 +122,7 @@ def test_draw(capsys, tmp_path, suffix):
     status, _, err = in_process(capsys, "draw", "three_satellite", "--out", str(file))
     assert status == 0, err
     assert file.stat().st_size > 5000
+    assert is_drawing(file) == (suffix == "svg")
 
 
 MISTAKES = [

@@ -11,6 +11,7 @@ from diagrams.command_line import main
 from diagrams.errors import UserError
 from diagrams.iq_replay import compare
 from diagrams.iq_settings import Settings
+from diagrams.marker import MARKER
 from diagrams.replay import replay
 from diagrams.sigmf_file import read_sigmf
 from tests.fitting import check_fits
@@ -91,6 +92,7 @@ def test_an_earlier_result_is_replaced(files, tmp_path, capsys):
             main([*command, *extra])
         assert stop.value.code == 0
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        MARKER,
         "differences.csv",
         "differences.png",
         "summary.json",

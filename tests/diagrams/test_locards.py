@@ -14,6 +14,7 @@ from diagrams.locards import LocardsReplay, Settings, build, recording, replay_s
 from diagrams.locards_data import read_receivers, read_sets
 from diagrams.locards_scores import METHODS, Scores, headings
 from diagrams.locards_sigma import residual_sigma
+from diagrams.marker import MARKER
 from diagrams.replay import REPLAYS, data_folder, replay
 from systems.estimators.arrival_gate import KEPT
 from systems.frames import ecef_to_geodetic, geodetic_state, geodetic_to_ecef
@@ -303,7 +304,7 @@ def test_table_summary_and_figures(simulated, tmp_path, capsys):
     for words in ("set_1", "set_2", "all sets", "faults", "with / without the gate"):
         assert words in printed
     files = {path.name for path in (tmp_path / "out").iterdir()}
-    assert files == {"summary.json", "errors.png", "along_across.png", "map.png"}
+    assert files == {MARKER, "summary.json", "errors.png", "along_across.png", "map.png"}
     assert min(path.stat().st_size for path in (tmp_path / "out").glob("*.png")) > 10_000
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["dataset"] == "locards" and summary["settings"]["sigma_tdoa_m"] == 0

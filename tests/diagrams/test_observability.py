@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from diagrams.errors import UserError
+from diagrams.marker import MARKER
 from diagrams.observability import direction_axes, observe, prior_scale, share_words
 from tests.diagrams.test_command_line import in_process
 
@@ -105,7 +106,7 @@ def test_command_writes_table_words_json_and_figures(capsys, tmp_path):
     )
     assert status == 0, err
     assert "better than" in out and "iekf: observable: all 6 directions" in out and "4.21e+03 m" in out
-    assert {path.name for path in folder.iterdir()} == {"summary.json", "observability_iekf.png"}
+    assert {path.name for path in folder.iterdir()} == {MARKER, "summary.json", "observability_iekf.png"}
     summary = json.loads((folder / "summary.json").read_text())
     one = summary["sets"][0]
     assert summary["system"] == "three_satellite" and summary["variant"] is None

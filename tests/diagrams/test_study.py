@@ -8,7 +8,8 @@ import xarray as xr
 
 from diagrams import run_study
 from diagrams.errors import UserError
-from diagrams.results import OutputFolder, open_result
+from diagrams.output import OutputFolder
+from diagrams.results import open_result
 from diagrams.study import Study
 
 SHORT = ["duration_s=20"]

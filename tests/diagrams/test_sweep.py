@@ -14,6 +14,7 @@ import pytest
 from diagrams import command_line, run_study
 from diagrams.catalogue import load_scenario, systems
 from diagrams.errors import UserError
+from diagrams.marker import MARKER
 from diagrams.metrics import errors
 from diagrams.results import open_result
 from diagrams.study import Study
@@ -254,7 +255,7 @@ def test_the_folder(tmp_path, capsys):
         *["--set", "duration_s=5", "--estimator", "ekf", "--out", str(tmp_path / "made")],
     )
     assert status == 0, err
-    assert {path.name for path in (tmp_path / "made").iterdir()} == {"results.zarr", "sweep.json", "sweep.png"}
+    assert {path.name for path in (tmp_path / "made").iterdir()} == {MARKER, "results.zarr", "sweep.json", "sweep.png"}
     found = json.loads((tmp_path / "made" / "sweep.json").read_text())
     assert found["values"] == [10, 20, 40] and found["key"] == "truth.sigma_tdoa_ns" and found["trials"] == 4
     result = open_result(tmp_path / "made")

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from diagrams import run_study
-from diagrams.results import OutputFolder, open_result
+from diagrams.output import OutputFolder
+from diagrams.results import open_result
 from diagrams.study import Study
 
 CASES = {

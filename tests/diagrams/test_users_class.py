@@ -8,6 +8,7 @@ import pytest
 from diagrams.catalogue import load_scenario, select_estimators
 from diagrams.comparing import compare_command
 from diagrams.errors import UserError
+from diagrams.output import OutputFolder
 from diagrams.study import run_study
 from diagrams.verification.verify import verify
 
@@ -113,8 +114,8 @@ def test_a_requirement_is_about_one_estimator(tmp_path, second, said):
 
 def test_compare_sees_every_folder_and_repetition_before_it_runs(tmp_path, monkeypatch):
     monkeypatch.setattr("diagrams.comparing.prepare", lambda *a, **k: pytest.fail("it ran"))
-    (tmp_path / "bearing_crossing").mkdir()
-    (tmp_path / "bearing_crossing" / "summary.json").touch()
+    with OutputFolder(tmp_path / "bearing_crossing") as folder:
+        folder.finish()
     with pytest.raises(UserError, match="holds an earlier result"):
         compare_command(["three_satellite", "bearing_crossing"], {}, None, "table", tmp_path, False)
     with pytest.raises(UserError, match="given twice"):

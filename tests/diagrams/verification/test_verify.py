@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from diagrams import command_line, run_study
+from diagrams.marker import MARKER
 from diagrams.metrics import diverged, errors, median, percentile, rmse
 from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED
 from diagrams.verification.verify import Verification, verify
@@ -150,7 +151,7 @@ def test_exit_status_table_and_files(tmp_path, capsys):
         "1 of 3 hold",
     ):
         assert words in out
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"verification.json", "verification.png"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {MARKER, "verification.json", "verification.png"}
     written_ = json.loads((tmp_path / "out" / "verification.json").read_text())
     assert written_["status"] == 1 and written_["seed"] == 4 and written_["looks"] == [60, 120]
     assert [row["verdict"] for row in written_["requirements"]] == ["undecided", "fails", "holds"]
