@@ -80,8 +80,12 @@ class Differenced(SightedModel):
         """Return its derivative with respect to the first k state components, shape (..., p, k)."""
 
     @abstractmethod
-    def wave_front(self, wave: Arrival) -> tuple[Array, Array]:
-        """Return quantity and derivative, (..., p) and (..., p, 6), of one wave front."""
+    def values_of(self, wave: Arrival) -> Array:
+        """Return the quantity of one wave front, shape (..., p)."""
+
+    @abstractmethod
+    def gradients_of(self, wave: Arrival) -> Array:
+        """Return its derivative, shape (..., p, 6)."""
 
     def _difference(self, values: Array) -> Array:
         return values[..., self._picked] - values[..., self.reference, None]
@@ -100,17 +104,22 @@ class Differenced(SightedModel):
         """See `SightedModel.linearize_from`."""
         return self._difference(self.values_from(sight)), self._difference_rows(self.gradients_from(sight), size)
 
+    def _wave(self, target: Array, platforms: Array) -> Arrival:
+        return arrival(target, platforms, self.reference, self.earth_rate, self.constants)
+
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""
-        return self.linearize(target, platforms)[0] if self.light_time else super().predict(target, platforms)
+        if not self.light_time:
+            return super().predict(target, platforms)
+        return self._difference(self.values_of(self._wave(target, platforms)))
 
     def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
         """See `MeasurementModel.linearize`."""
         if not self.light_time:
             return super().linearize(target, platforms)
-        wave = arrival(target, platforms, self.reference, self.earth_rate, self.constants)
-        values, gradients = self.wave_front(wave)
-        return self._difference(values), self._difference_rows(gradients, target.shape[-1])
+        wave = self._wave(target, platforms)
+        rows = self._difference_rows(self.gradients_of(wave), target.shape[-1])
+        return self._difference(self.values_of(wave)), rows
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""

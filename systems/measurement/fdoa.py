@@ -66,6 +66,10 @@ class Fdoa(Differenced):
         both = np.concatenate([sight.range_rate_gradient, sight.direction], axis=-1)
         return (-self._doppler / SPEED_OF_LIGHT) * both
 
-    def wave_front(self, wave: Arrival) -> tuple[Array, Array]:
-        """Return the Doppler shifts and their derivatives."""
-        return self._doppler * wave.frequency_ratio, self._doppler * wave.frequency_ratio_jacobian
+    def values_of(self, wave: Arrival) -> Array:
+        """Return the Doppler shifts [Hz]."""
+        return self._doppler * wave.frequency_ratio
+
+    def gradients_of(self, wave: Arrival) -> Array:
+        """Return their derivatives, shape (..., p, 6)."""
+        return self._doppler * wave.frequency_ratio_jacobian

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,20 +25,86 @@ class Arrival:
 
     Attributes
     ----------
-    delay, delay_jacobian : ndarray, shape (..., p) and (..., p, 6)
-        Arrival after the arrival at the reference [s].
-    frequency_ratio, frequency_ratio_jacobian : ndarray, shape (..., p) and (..., p, 6)
-        Received over emitted frequency, minus 1.
+    travel, direction : ndarray, shape (...) and (..., 3)
+        Time to the reference [s], and from the emitter to it.
+    velocity, acceleration : ndarray, shape (..., 3)
+        Inertial, of the emitter: when it emits [m/s], and throughout [m/s^2].
+    travels, directions : ndarray, shape (..., p) and (..., p, 3)
+        As the first two, to every receiver.
+    receiver_velocity, receiver_acceleration : ndarray, shape (..., p, 3)
+        Inertial, of each receiver: when it hears [m/s], and throughout [m/s^2].
+    spin : ndarray, shape (3, 3)
+        The matrix of the cross product with the Earth's rotation.
     """
 
-    delay: Array
-    delay_jacobian: Array
-    frequency_ratio: Array
-    frequency_ratio_jacobian: Array
+    travel: Array
+    direction: Array
+    velocity: Array
+    acceleration: Array
+    travels: Array
+    directions: Array
+    receiver_velocity: Array
+    receiver_acceleration: Array
+    spin: Array
+
+    @property
+    def delay(self) -> Array:
+        """Arrival after the arrival at the reference [s], shape (..., p)."""
+        return self.travels - self.travel[..., None]
+
+    @property
+    def frequency_ratio(self) -> Array:
+        """Received over emitted frequency, minus 1, shape (..., p)."""
+        up, away = self._along_path
+        return (away - up) / (SPEED_OF_LIGHT - away)
+
+    @property
+    def delay_jacobian(self) -> Array:
+        """Derivative of `delay`, shape (..., p, 6)."""
+        return self._slopes[0]
+
+    @cached_property
+    def frequency_ratio_jacobian(self) -> Array:
+        """Derivative of `frequency_ratio`, shape (..., p, 6)."""
+        ddelay, dpath, dve = self._slopes
+        n, u, ve = self.directions, self.receiver_velocity, self.velocity[..., None, :]
+        distance = (SPEED_OF_LIGHT * self.travels)[..., None, None]
+        dn = (dpath - n[..., :, None] * _along(n, dpath)[..., None, :]) / distance
+        dup = _along(u, dn) + _dot(n, self.receiver_acceleration)[..., None] * ddelay
+        daway = _along(ve, dn) + _along(n, dve[..., None, :, :])
+        slack = (SPEED_OF_LIGHT - self._along_path[1])[..., None]
+        return (daway - dup) / slack + (self.frequency_ratio[..., None] / slack) * daway
+
+    @cached_property
+    def _along_path(self) -> tuple[Array, Array]:
+        """Velocities of receiver and emitter along the path [m/s]."""
+        n = self.directions
+        return _dot(n, self.receiver_velocity), _dot(n, self.velocity[..., None, :])
+
+    @cached_property
+    def _slopes(self) -> tuple[Array, Array, Array]:
+        """Derivatives of the delays, of the paths' vectors and of the emitter's velocity at emission."""
+        # Columns of d(x), d(v), d(a) in terms of the Earth-fixed state: v and a depend on the position through the spin
+        dx = np.concatenate([np.eye(3), np.zeros((3, 3))], axis=1)
+        dv = np.concatenate([self.spin, np.eye(3)], axis=1)
+        da = np.concatenate([self.spin @ self.spin, 2 * self.spin], axis=1)
+        c, ve, late = SPEED_OF_LIGHT, self.velocity, self.travel[..., None, None]
+        held = late * dv - (0.5 * late**2) * da - dx
+        dt0 = _along(self.direction, held) / (c - _dot(self.direction, ve))[..., None]
+        demitted = -held - ve[..., :, None] * dt0[..., None, :]
+        dve = dv - late * da - self.acceleration[..., :, None] * dt0[..., None, :]
+        n, u = self.directions, self.receiver_velocity
+        fixed = -demitted[..., None, :, :] - u[..., :, None] * dt0[..., None, None, :]
+        dt = _along(n, fixed) / (c - self._along_path[0])[..., None]
+        return dt - dt0[..., None, :], fixed + u[..., :, None] * dt[..., None, :], dve
 
 
 def _dot(a: Array, b: Array) -> Array:
     return np.einsum("...i,...i->...", a, b)
+
+
+def _along(direction: Array, matrix: Array) -> Array:
+    return np.einsum("...i,...ij->...j", direction, matrix)
 
 
 def _travel_time(
@@ -150,33 +217,9 @@ def arrival(
     p = platforms[..., :3]
     vp = platforms[..., 3:6] + np.einsum("ij,...j->...i", spin, p)
     ap = _platform_acceleration(platforms, vp, spin, constants or GravityConstants())
-    c = SPEED_OF_LIGHT
 
     t0, path0, ve = _travel_time(p[..., reference, :] - x, v, -a, 0.0)
-    n0 = path0 / (c * t0)[..., None]
-    # Columns of d(x), d(v), d(a) in terms of the Earth-fixed state: v and a depend on the position through the spin.
-    dx = np.concatenate([np.eye(3), np.zeros((3, 3))], axis=1)
-    dv = np.concatenate([spin, np.eye(3)], axis=1)
-    da = np.concatenate([spin @ spin, 2 * spin], axis=1)
-    late = t0[..., None, None]
-    held = late * dv - (0.5 * late**2) * da - dx
-    dt0 = np.einsum("...i,...ij->...j", n0, held) / (c - _dot(n0, ve))[..., None]
-
-    demitted = -held - ve[..., :, None] * dt0[..., None, :]
-    dve = dv - late * da - a[..., :, None] * dt0[..., None, :]
     emitted = x - v * t0[..., None] + a * (0.5 * t0[..., None] ** 2)
-    t, w, u = _travel_time(p - emitted[..., None, :], vp, ap, t0[..., None, None])
-    distance = c * t
-    n = w / distance[..., None]
-    fixed = -demitted[..., None, :, :] - u[..., :, None] * dt0[..., None, None, :]
-    dt = np.einsum("...i,...ij->...j", n, fixed) / (c - _dot(n, u))[..., None]
-    ddelay = dt - dt0[..., None, :]
-
-    up, away = _dot(n, u), _dot(n, ve[..., None, :])
-    ratio = (away - up) / (c - away)
-    dw = fixed + u[..., :, None] * dt[..., None, :]
-    dn = (dw - n[..., :, None] * np.einsum("...i,...ij->...j", n, dw)[..., None, :]) / distance[..., None, None]
-    dup = np.einsum("...i,...ij->...j", u, dn) + _dot(n, ap)[..., None] * ddelay
-    daway = np.einsum("...i,...ij->...j", ve[..., None, :], dn) + np.einsum("...i,...ij->...j", n, dve[..., None, :, :])
-    dratio = (daway - dup) / (c - away)[..., None] + (ratio / (c - away))[..., None] * daway
-    return Arrival(t - t0[..., None], ddelay, ratio, dratio)
+    t, path, u = _travel_time(p - emitted[..., None, :], vp, ap, t0[..., None, None])
+    n0, n = path0 / (SPEED_OF_LIGHT * t0)[..., None], path / (SPEED_OF_LIGHT * t)[..., None]
+    return Arrival(t0, n0, ve, a, t, n, u, ap, spin)

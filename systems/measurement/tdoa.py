@@ -56,6 +56,10 @@ class Tdoa(Differenced):
         """Return u / c, shape (..., p, 3)."""
         return sight.direction / SPEED_OF_LIGHT
 
-    def wave_front(self, wave: Arrival) -> tuple[Array, Array]:
-        """Return the delays and their derivatives."""
-        return wave.delay, wave.delay_jacobian
+    def values_of(self, wave: Arrival) -> Array:
+        """Return the delays [s]."""
+        return wave.delay
+
+    def gradients_of(self, wave: Arrival) -> Array:
+        """Return their derivatives, shape (..., p, 6)."""
+        return wave.delay_jacobian
