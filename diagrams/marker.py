@@ -164,11 +164,14 @@ def _flock(descriptor: int, folder: Path) -> None:
 
 
 def listing(folder: Path) -> dict[str, str]:
-    """Return the fingerprint of everything in a folder, by its path there once all that is made has its place."""
+    """Return the fingerprint of what was written in a folder, by its path there once all that is made has its place.
+
+    What somebody else has put beside it is not listed, and so is known as a stranger.
+    """
     found = {}
     for name, path in _walk(folder):
         top, _, within = name.partition("/")
-        if not _MARKERS.fullmatch(name) and top not in (RESERVE, REPLACED) and name != MAKING + "/":
+        if _STORE.fullmatch(name) or (top == MAKING and within):
             found[within if top == MAKING else name] = _fingerprint(path)
     return found
 

@@ -306,7 +306,7 @@ class OutputFolder:
 
     def _end_early(self) -> None:
         with suppress(OSError):  # what made the run end may be that nothing can be written
-            if self.chunks:
+            if self.chunks or find_strangers(self.partial, Mark(self._kind)):
                 self._settle(finished=False)
             else:
                 discard(self.partial)

@@ -174,6 +174,19 @@ def test_what_appears_during_a_run_is_not_replaced(folder, capsys):
     assert open_result("d").sizes["trial"] == 2
 
 
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_file_that_is_added_during_a_run_stays(folder, fails, capsys):
+    with contextlib.suppress(RuntimeError), OutputFolder("d") as output:
+        (output.partial / "my.png").write_text("mine")
+        if fails:
+            raise RuntimeError
+        output.append(chunk(0, 2))
+        output.finish()
+    assert (folder / ("d.partial" if fails else "d") / "my.png").read_text() == "mine"
+    before = picture(folder)
+    assert quietfix(*RUN) == 2 and "my.png" in capsys.readouterr().err and picture(folder) == before
+
+
 def test_files_added_to_kept_chunks_are_not_removed(folder, capsys):
     with pytest.raises(KeyboardInterrupt), OutputFolder("d") as output:
         output.append(chunk(0, 2))
