@@ -14,7 +14,8 @@ DEMO ?= demo
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MPLBACKEND := Agg
-unexport PYTHONPATH PYTHONHOME
+# Byte code is kept: without it every worker and every command that a test starts compiles the project again.
+unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 
 # Recorded data beside the project; tests that need it are skipped where there is none.
 ifeq ($(strip $(QUIETFIX_DATA)),)

@@ -172,8 +172,8 @@ def test_navigation_error_reaches_the_estimators():
 
 def test_one_trial_again_alone():
     names = ["raw_first", "way2_lines", "iekf", "ml"]
-    whole = run_study("bearing_crossing", trials=9, estimators=names, set=["duration_s=120"], chunk=4)
-    alone = run_study("bearing_crossing", trials=1, first_trial=6, estimators=names, set=["duration_s=120"])
+    whole = run_study("bearing_crossing", trials=7, estimators=names, set=["duration_s=60"], chunk=4)
+    alone = run_study("bearing_crossing", trials=1, first_trial=6, estimators=names, set=["duration_s=60"])
     np.testing.assert_allclose(alone["estimate"].values[:, 0], whole["estimate"].values[:, 6], rtol=1e-7)
 
 

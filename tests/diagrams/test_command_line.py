@@ -76,7 +76,7 @@ def test_shown_scenario_runs(capsys, tmp_path):
     assert "iekf_tdoa_phase" in table
 
 
-def test_run_writes_a_whole_folder_and_runs_again_from_it(tmp_path):
+def test_run_writes_a_whole_folder_and_runs_again_from_it(tmp_path, capsys):
     done = quietfix("run", "three_satellite", "--trials", "4", "--seed", "5", *SHORT, "--out", "first", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     names = {path.name for path in (tmp_path / "first").iterdir()}
@@ -98,12 +98,10 @@ def test_run_writes_a_whole_folder_and_runs_again_from_it(tmp_path):
     np.testing.assert_array_equal(open_result(tmp_path / "second")["estimate"], result["estimate"])
     assert open_result(tmp_path / "second").attrs["scenario"] == result.attrs["scenario"]
 
-    refused = quietfix("run", "three_satellite", "--trials", "1", *SHORT, "--out", "first", cwd=tmp_path)
-    assert refused.returncode == 2 and "--overwrite" in refused.stderr
-    replaced = quietfix(
-        "run", "three_satellite", "--trials", "1", *SHORT, "--out", "first", "--overwrite", cwd=tmp_path
-    )
-    assert replaced.returncode == 0, replaced.stderr
+    command = ["run", "three_satellite", "--trials", "1", *SHORT, "--out", str(tmp_path / "first")]
+    status, _, err = in_process(capsys, *command)
+    assert status == 2 and "--overwrite" in err
+    assert in_process(capsys, *command, "--overwrite")[0] == 0
     assert open_result(tmp_path / "first").sizes["trial"] == 1
     assert {path.name for path in tmp_path.iterdir()} == {"first", "second"}
 

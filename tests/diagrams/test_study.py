@@ -17,12 +17,22 @@ SHORT = ["duration_s=20"]
 
 @pytest.fixture(scope="module")
 def whole():
-    return run_study("three_satellite", trials=12, seed=3, set=SHORT, keep="all")
+    return run_study("three_satellite", trials=6, seed=3, set=SHORT, keep="all")
 
 
 def test_dimensions_and_attributes(whole):
-    assert dict(whole.sizes) | {} == dict(whole.sizes)
-    assert whole.sizes["trial"] == 12 and whole.sizes["time"] == 21 and whole.sizes["state"] == 6
+    assert dict(whole.sizes) == {
+        "trial": 6,
+        "time": 21,
+        "state": 6,
+        "state_": 6,
+        "estimator": 5,
+        "row": 6,
+        "innovation_row": 6,
+        "integers_row": 2,
+        "platform": 3,
+        "coordinate": 6,
+    }
     assert list(whole["estimator"].values) == ["iekf", "ekf", "ukf", "iekf_tdoa_fdoa_phase", "iekf_tdoa_phase"]
     assert list(whole["row"].values) == ["tdoa_10", "tdoa_20", "fdoa_10", "fdoa_20", "phase_a", "phase_b"]
     assert whole.attrs["system"] == "three_satellite" and whole.attrs["seed"] == 3
@@ -30,18 +40,18 @@ def test_dimensions_and_attributes(whole):
     assert (whole["nis_dof"].sel(estimator="iekf_tdoa_phase").isel(time=slice(1, None)) == 3).all()
 
 
-@pytest.mark.parametrize("chunk", [1, 5, 12])
+@pytest.mark.parametrize("chunk", [1, 4])
 def test_chunks_change_no_number(whole, chunk):
-    again = run_study("three_satellite", trials=12, seed=3, set=SHORT, keep="all", chunk=chunk)
+    again = run_study("three_satellite", trials=6, seed=3, set=SHORT, keep="all", chunk=chunk)
     for name in whole:
         # Fixed mathematics per trial and counter-based noise: equal to rounding, whatever the batch.
         np.testing.assert_allclose(again[name], whole[name], rtol=1e-9, atol=1e-9, err_msg=str(name))
 
 
 def test_one_trial_alone(whole):
-    alone = run_study("three_satellite", trials=1, first_trial=7, seed=3, set=SHORT, keep="all")
-    np.testing.assert_array_equal(alone["measurement"].values[0], whole["measurement"].values[7])
-    np.testing.assert_allclose(alone["estimate"].values[:, 0], whole["estimate"].values[:, 7], rtol=1e-9)
+    alone = run_study("three_satellite", trials=1, first_trial=5, seed=3, set=SHORT, keep="all")
+    np.testing.assert_array_equal(alone["measurement"].values[0], whole["measurement"].values[5])
+    np.testing.assert_allclose(alone["estimate"].values[:, 0], whole["estimate"].values[:, 5], rtol=1e-9)
 
 
 def test_another_seed_gives_other_noise(whole):
@@ -57,7 +67,7 @@ def test_nees_is_that_of_the_kept_covariance(whole):
 
 
 def test_every_keeps_epochs_and_the_last(whole):
-    thin = run_study("three_satellite", trials=12, seed=3, set=SHORT, every=8)
+    thin = run_study("three_satellite", trials=6, seed=3, set=SHORT, every=8)
     np.testing.assert_array_equal(thin["time"], [0, 8, 16, 20])
     np.testing.assert_array_equal(thin["estimate"], whole["estimate"].sel(time=thin["time"]))
     for name in ("bound_position", "bound_truth_velocity"):
@@ -73,7 +83,7 @@ def test_bounds_of_fewer_measurements_are_larger(whole):
 
 
 def test_store_is_the_same_dataset(tmp_path, whole):
-    study = Study("three_satellite", trials=12, seed=3, set=SHORT, keep="all", chunk=5)
+    study = Study("three_satellite", trials=6, seed=3, set=SHORT, keep="all", chunk=4)
     with OutputFolder(tmp_path / "out") as folder:
         for chunk in study.chunks():
             folder.append(chunk)
