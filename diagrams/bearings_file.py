@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.errors import UserError
+from systems.files import Unreadable, read_text
 from systems.measurement.bearing import from_compass
 
 __all__ = ["Bearings", "read_bearings"]
@@ -18,6 +19,8 @@ __all__ = ["Bearings", "read_bearings"]
 Array = NDArray[np.float64]
 
 _LOCAL, _GEODETIC = ("x_m", "y_m"), ("latitude_deg", "longitude_deg")
+_LATEST, _FARTHEST = 1e12, 1e8  # s, seconds since 1970 too; m, more than around the Earth
+_LARGEST_FILE = 16_000_000  # bytes: some 300,000 bearings
 _AXIS, _ECCENTRICITY2 = 6378137.0, 6.69437999014e-3  # WGS-84
 
 
@@ -76,14 +79,13 @@ def read_bearings(path: Path | str) -> Bearings:
     """
     file = Path(path)
     try:
-        text = file.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise UserError(f"bearings: {file} cannot be read ({reason})") from error
+        text = read_text(file, _LARGEST_FILE, encoding="utf-8-sig")
+    except Unreadable as error:
+        raise UserError(f"bearings: {error}") from error
     lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
     if not lines:
         raise UserError(f"bearings: {file} is empty; a line of column names and at least two bearings are needed")
-    header = [name.strip() for name in next(csv.reader([lines[0][1]]))]
+    header = _cells(file, *lines[0])
     places = _GEODETIC if set(_GEODETIC) & set(header) else _LOCAL
     missing = [name for name in ("time_s", *places, "bearing_deg", "sigma_deg") if name not in header]
     if missing:
@@ -115,15 +117,22 @@ def read_bearings(path: Path | str) -> Bearings:
     return Bearings(time, place, azimuth, np.radians(sigma), origin)
 
 
+def _cells(file: Path, number: int, line: str) -> list[str]:
+    try:
+        return [cell.strip() for cell in next(csv.reader([line]))]
+    except csv.Error as error:  # a cell of more than 131072 characters, say
+        raise UserError(f"bearings: {file}, line {number}: it cannot be read ({error})") from error
+
+
 def _row(file: Path, number: int, line: str, header: list[str], places: tuple[str, str]) -> list[float]:
-    cells = [cell.strip() for cell in next(csv.reader([line]))]
+    cells = _cells(file, number, line)
     if len(cells) != len(header):
         raise UserError(f"bearings: {file}, line {number}: {len(cells)} cells are given; {len(header)} are needed")
     row = dict(zip(header, cells, strict=True))
     limits = {
-        "time_s": (-math.inf, math.inf, "a finite number"),
-        "x_m": (-math.inf, math.inf, "a finite number"),
-        "y_m": (-math.inf, math.inf, "a finite number"),
+        "time_s": (-_LATEST, _LATEST, f"a number, at most {_LATEST:g} in size"),
+        "x_m": (-_FARTHEST, _FARTHEST, f"a number, at most {_FARTHEST:g} in size"),
+        "y_m": (-_FARTHEST, _FARTHEST, f"a number, at most {_FARTHEST:g} in size"),
         "latitude_deg": (-89.0, 89.0, "-89 to 89"),
         "longitude_deg": (-180.0, 360.0, "-180 to 360"),
         "bearing_deg": (0.0, 360.0, "0 to 360, clockwise from north"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -9,10 +10,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.yaml import yaml_load
 
 from diagrams.errors import UserError
 from diagrams.instants import instant
+from diagrams.yaml_text import load_yaml
+from systems.files import read_text
 from systems.frames import EARTH_RATE, geodetic_to_ecef
 from systems.measurement.base import SPEED_OF_LIGHT
 
@@ -26,6 +28,8 @@ NOMINAL = 145.868e6
 _J2000 = 2451545.0
 _UNIX = 2440587.5  # Julian date of 1970, the zero of `instant`
 _DAY = 86400.0
+_HIGHEST = 1e5  # m
+_LARGEST = 1e12  # Hz, s
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +95,10 @@ def satellite_states(line1: str, line2: str, julian: float, seconds: Array) -> A
         from sgp4.api import Satrec
     except ImportError as error:
         raise UserError("replay doptrack: the package sgp4 is needed; pip install sgp4") from error
-    satellite = Satrec.twoline2rv(line1, line2)
+    try:
+        satellite = Satrec.twoline2rv(line1, line2)
+    except ValueError as error:
+        raise UserError(f"two-line elements: {line1[:24]!r} is not allowed ({error})") from error
     fraction = seconds / _DAY
     code, position, velocity = satellite.sgp4_array(np.full(seconds.size, julian), fraction)
     if np.any(code):
@@ -124,8 +131,8 @@ def read_passes(folder: Path) -> list[Pass]:
 
 def _read(file: Path) -> Pass:
     try:
-        about: Any = yaml_load(data=file.read_text(encoding="utf-8"))
-        table = np.loadtxt(file.with_suffix(".csv"), delimiter=",", comments="#", ndmin=2)
+        about: Any = load_yaml(read_text(file))
+        table = np.loadtxt(io.StringIO(read_text(file.with_suffix(".csv"))), delimiter=",", comments="#", ndmin=2)
         epoch = about["tracking"]["epoch"]
         whole, rest = instant(epoch if isinstance(epoch, datetime) else str(epoch))
         place = about["station"]["position"]
@@ -136,8 +143,12 @@ def _read(file: Path) -> Pass:
             np.radians(float(place["latitude"])), np.radians(float(place["longitude"])), altitude
         )
         lines = str(elements["line1"]), str(elements["line2"])
-    except (OSError, KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise UserError(f"data: {file} cannot be read ({' '.join(str(error).split())})") from error
+    if not np.isfinite([elevation, *station]).all() or abs(altitude) > _HIGHEST:
+        raise UserError(f"data: {file}: place of the station or max_elevation is not allowed; finite numbers")
+    if not np.all(np.abs(table) <= _LARGEST):
+        raise UserError(f"data: {file.with_suffix('.csv')}: numbers of at most {_LARGEST:g} in size are needed")
     if table.shape[1] < 2 or table.shape[0] < 2 or np.any(np.diff(table[:, 0]) <= 0):
         raise UserError(f"data: {file.with_suffix('.csv')} is not a pass; increasing times and frequencies are needed")
     start = _UNIX + (whole + rest) / _DAY

@@ -12,6 +12,7 @@ import numpy as np
 
 from diagrams.errors import UserError
 from diagrams.replay import data_folder
+from systems.files import Unreadable, read_text
 from systems.motion.planar_flight import PlanarFlight, fit_planar_flight
 from systems.motion.rocket import LaunchSite
 from systems.plants.recorded_flight import RecordedFlight
@@ -19,6 +20,7 @@ from systems.plants.recorded_flight import RecordedFlight
 __all__ = ["falcon9_flight", "falcon9_plant"]
 
 _TAIL = 5.0  # s of record beyond the end of tracking, so that the last knots are supported
+_LARGEST = 1e6  # s, m/s, km
 _EVENT_ERROR = 3.0  # s; the list of events gives whole seconds and the webcast's clock lags
 
 
@@ -43,12 +45,19 @@ def falcon9_flight(folder: Path, flight: str, stop: float, smoothing: float, gap
     events = _read(folder / f"{flight}__events.json")
     try:
         times, speed, altitude = (np.array(record[key], dtype=float) for key in ("time", "velocity", "altitude"))
-    except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"telemetry: {flight} lacks time, velocity or altitude as lists of numbers") from error
-    if times.size and times[-1] < stop:
+        jumps = [float(events[key]) for key in ("meco", "ses1") if events.get(key) is not None]
+        if not times.ndim == 1 or not times.shape == speed.shape == altitude.shape or not times.size:
+            raise ValueError
+        if not all(np.all(np.abs(numbers) <= _LARGEST) for numbers in (times, speed, altitude, jumps)):
+            raise ValueError
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise UserError(
+            f"telemetry: {flight} lacks time, velocity or altitude as lists of equally many numbers, at most "
+            f"{_LARGEST:g} in size"
+        ) from error
+    if times[-1] < stop:
         raise UserError(f"stop_s: {stop:g} is not allowed; the record of {flight} ends at {times[-1]:g} s")
     kept = times <= stop + _TAIL
-    jumps = [float(events[key]) for key in ("meco", "ses1") if events.get(key) is not None]
     return fit_planar_flight(
         times[kept], speed[kept], 1e3 * altitude[kept], jumps, radius, smoothing, largest_gap=gap, search=_EVENT_ERROR
     )
@@ -56,8 +65,10 @@ def falcon9_flight(folder: Path, flight: str, stop: float, smoothing: float, gap
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        found = json.loads(read_text(path))
+    except Unreadable as error:
+        raise UserError(f"telemetry: {error}") from error
+    except (ValueError, RecursionError) as error:
         raise UserError(f"telemetry: {path} cannot be read ({' '.join(str(error).split())})") from error
     if not isinstance(found, dict):
         raise UserError(f"telemetry: {path} is not a mapping")

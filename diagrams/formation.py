@@ -50,8 +50,8 @@ class Constants:
     """Physical constants."""
 
     mu_m3ps2: float = number("gravitational parameter of the Earth [m^3/s^2]", 3.986004418e14, above=0)
-    earth_radius_m: float = number("equatorial radius of the Earth [m]", 6378137.0, above=0)
-    j2: float = number("second zonal harmonic; 0 is two-body motion", 1.0826261e-3)
+    earth_radius_m: float = number("equatorial radius of the Earth [m]", 6378137.0, at_least=1e5, at_most=1e8)
+    j2: float = number("second zonal harmonic; 0 is two-body motion", 1.0826261e-3, at_least=-0.1, at_most=0.1)
     earth_rate_radps: float = number("rotation rate of the Earth [rad/s]", 7.292115e-5)
 
 

@@ -7,6 +7,7 @@ the time differences against the first receiver. Where the mast stands is used f
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from diagrams.tables import Column, Table
 from systems.estimators.base import Wiring
 from systems.estimators.iekf import Iekf
 from systems.estimators.snapshot_start import SnapshotStart
+from systems.files import read_text
 from systems.fixes.snapshot import snapshot_fix, starts_around
 from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 from systems.iq.kiwi import GpsRecording, common_base, read_kiwi
@@ -88,10 +90,9 @@ def read_folder(folder: Path) -> KiwiData:
                 f"{folder / _STATIONS}: {len(names)} receivers and {len(masts)} transmitters are not allowed; 3 and 1"
             )
         recordings = [read_kiwi(_file(folder, name)) for name in names]
-    except (OSError, ValueError) as error:
-        text = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else str(error)
+    except (csv.Error, ValueError) as error:
         raise UserError(
-            f"data: {text}; name another folder with --data DIR or in the environment variable QUIETFIX_DATA; "
+            f"data: {error}; name another folder with --data DIR or in the environment variable QUIETFIX_DATA; "
             f"source: {_SOURCE}"
         ) from error
     stations = np.array([places[name][1] for name in names])
@@ -108,7 +109,7 @@ def _file(folder: Path, name: str) -> Path:
 def _stations(file: Path) -> dict[str, tuple[str, Array]]:
     """Return role and Earth-fixed position of every station, by name."""
     columns = ("name", "role", "latitude_deg", "longitude_deg")
-    with file.open(encoding="utf-8", newline="") as stream:
+    with io.StringIO(read_text(file), newline="") as stream:
         reader = csv.DictReader(stream)
         absent = [column for column in columns if column not in (reader.fieldnames or [])]
         if absent:
@@ -119,6 +120,8 @@ def _stations(file: Path) -> dict[str, tuple[str, Array]]:
                 latitude, longitude = (math.radians(float(row[column])) for column in columns[2:])
             except (TypeError, ValueError) as error:
                 raise ValueError(f"{file} line {reader.line_num}: latitude and longitude must be numbers") from error
+            if not (abs(latitude) <= math.pi / 2 and abs(longitude) <= 2 * math.pi):
+                raise ValueError(f"{file} line {reader.line_num}: latitude is -90 to 90, longitude -360 to 360")
             places[row["name"]] = row["role"], geodetic_to_ecef(latitude, longitude, 0.0)
     return places
 

@@ -43,7 +43,7 @@ class Constants:
     """Physical constants."""
 
     mu_m3ps2: float = number("gravitational parameter of the Earth [m^3/s^2]", 3.986004418e14, above=0)
-    earth_radius_m: float = number("radius of the spherical Earth [m]", 6371e3, above=0)
+    earth_radius_m: float = number("radius of the spherical Earth [m]", 6371e3, at_least=1e5, at_most=1e8)
     earth_rate_radps: float = number("rotation rate of the Earth [rad/s]", 7.292115e-5)
 
 

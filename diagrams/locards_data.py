@@ -11,6 +11,7 @@ doi 10.3390/s21165516.
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 from collections import defaultdict
@@ -23,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.errors import UserError
+from systems.files import Unreadable, read_text
 from systems.frames import geodetic_to_ecef
 
 __all__ = ["LocardsSet", "Receiver", "Track", "read_receivers", "read_set", "read_sets"]
@@ -30,6 +32,8 @@ __all__ = ["LocardsSet", "Receiver", "Track", "read_receivers", "read_set", "rea
 Array = NDArray[np.float64]
 
 _NS = 1e-9
+_LARGEST = 1e6  # deg or m
+_LATEST = 10**18  # ns; some 30 years
 _DURATION = 120_000  # ns; what an aircraft sends takes so long, so two lines within it hold one message
 _RECEIVER_COLUMNS = ("serial", "latitude", "longitude", "height")
 _MESSAGE_COLUMNS = ("aircraft", "latitude", "longitude", "baroAltitude", "geoAltitude", "measurements")
@@ -188,11 +192,12 @@ def _track(messages: list[_Message], receivers: Mapping[int, Receiver], width: i
 def _message(where: str, row: Mapping[str, str], receivers: Mapping[int, Receiver]) -> _Message:
     try:
         entries = json.loads(row["measurements"])
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise UserError(f"{where}: measurements: {row['measurements']!r} is not a list ({error})") from error
     serials, arrivals = [], []
     for entry in entries if isinstance(entries, list) else [entries]:
         whole = isinstance(entry, list) and len(entry) >= 2 and all(type(value) is int for value in entry[:2])
+        whole = whole and abs(entry[1]) < _LATEST
         if not whole:
             raise UserError(f"{where}: measurements: {entry!r} is not allowed; [receiver, arrival in ns, strength]")
         if entry[0] not in receivers:
@@ -217,7 +222,7 @@ def _message(where: str, row: Mapping[str, str], receivers: Mapping[int, Receive
 def _rows(file: Path, columns: tuple[str, ...]) -> Iterator[tuple[str, dict[str, str]]]:
     """Yield where a line is, for messages, and its cells."""
     try:
-        with file.open(encoding="utf-8", newline="") as stream:
+        with io.StringIO(read_text(file), newline="") as stream:
             reader = csv.DictReader(stream, strict=True)
             absent = [column for column in columns if column not in (reader.fieldnames or [])]
             if absent:
@@ -230,9 +235,9 @@ def _rows(file: Path, columns: tuple[str, ...]) -> Iterator[tuple[str, dict[str,
                         f"{where}: it does not have {len(reader.fieldnames or [])} cells, as the first line"
                     )
                 yield where, row
-    except OSError as error:
-        raise UserError(f"{file}: it cannot be read ({error.strerror or error})") from error
-    except (UnicodeDecodeError, csv.Error) as error:
+    except Unreadable as error:
+        raise UserError(f"{file}: it cannot be read ({error.reason})") from error
+    except csv.Error as error:
         raise UserError(f"{file}: it is not a CSV file ({error})") from error
 
 
@@ -243,8 +248,10 @@ def _number(where: str, row: Mapping[str, Any], column: str, empty: float | None
         value = float(row[column])
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
-        raise UserError(f"{where}: {column}: {row[column]!r} is not allowed; a finite number")
+    if not abs(value) <= _LARGEST:
+        raise UserError(
+            f"{where}: {column}: {row[column]!r} is not allowed; a finite number, at most {_LARGEST:g} in size"
+        )
     return value
 
 

@@ -18,6 +18,8 @@ from diagrams.instants import instant
 
 __all__ = ["Capture", "Part", "captures_of", "finite", "parts_of", "whole"]
 
+_LARGEST = 1e15  # Hz
+
 
 @dataclass(frozen=True)
 class Capture:
@@ -127,10 +129,10 @@ def finite(key: str, value: Any) -> float:
     """Return a finite number of the metadata; ValueError names its key otherwise."""
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
-    if not math.isfinite(number):
-        raise ValueError(f"{key}: {value} is not allowed; a finite number")
+    if not abs(number) <= _LARGEST:
+        raise ValueError(f"{key}: {value} is not allowed; a finite number, at most {_LARGEST:g} in size")
     return number
 
 

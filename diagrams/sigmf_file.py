@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import io
-import json
-import lzma
 import tarfile
 import warnings
 import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -19,11 +16,14 @@ from numpy.typing import NDArray
 
 from diagrams.errors import UserError
 from diagrams.sigmf_captures import captures_of, finite, parts_of, whole
+from systems.files import Unreadable, regular_size
 
 __all__ = ["IqRecording", "Segment", "read_sigmf"]
 
 _META, _DATA = ".sigmf-meta", ".sigmf-data"
 _ARCHIVES = (".sigmf", ".sigmf.gz", ".sigmf.xz", ".sigmf.zip")
+_LARGEST_META, _LARGEST_ARCHIVE = 16_000_000, 200_000_000  # bytes
+_LEAST_RATE = 1e-3  # Hz
 _COUNTED_HERE = "Data source ends before the final annotation"  # what `captures_of` looks at with the offset in mind
 
 
@@ -90,10 +90,10 @@ def read_sigmf(path: Path | str) -> list[IqRecording]:
         number of samples, fewer than captures or annotations say, or another checksum), real samples, several channels.
     """
     import sigmf
-    from sigmf.error import SigMFError
 
     file = Path(path)
     try:
+        _check_files(file)
         archive = _archive(file)
         if archive is not None:
             return _unpacked(archive)
@@ -106,23 +106,31 @@ def read_sigmf(path: Path | str) -> list[IqRecording]:
         return [_content(str(file), name, recording, said)]
     except UserError:
         raise
-    except (
-        OSError,
-        SigMFError,
-        ValueError,
-        KeyError,
-        TypeError,
-        json.JSONDecodeError,
-        tarfile.TarError,
-        zipfile.BadZipFile,
-        zlib.error,
-        lzma.LZMAError,
-        EOFError,
-    ) as error:
+    except Unreadable as error:
+        raise UserError(f"FILE: {error}") from error
+    except Exception as error:  # two dozen kinds of the package, of archives, and of metadata that nobody expected
         reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
         if "hash" in reason:
             raise UserError(f"FILE: {file}: its data are cut off or changed (core:sha512 is that of others)") from error
         raise UserError(f"FILE: {file} cannot be read as a SigMF recording ({reason})") from error
+
+
+def _check_files(file: Path) -> None:
+    """Raise `Unreadable` for what is no regular file, or where metadata or archive are too large."""
+    from sigmf.sigmffile import get_sigmf_filenames
+
+    names = {str(part): Path(path) for part, path in get_sigmf_filenames(file).items()}
+    regular = [one for one in (file, names["meta_fn"], names["data_fn"], names["archive_fn"]) if one.exists()]
+    for one in regular:
+        size = regular_size(one)
+        most = _LARGEST_META if one.name.endswith(_META) else _LARGEST_ARCHIVE
+        if size > most and not one.name.endswith(_DATA):  # data are read where they are needed
+            raise Unreadable(one, f"{size} bytes; at most {most} are allowed")
+
+
+def _check_members(archive: Path, sizes: Sequence[int]) -> None:
+    if sum(sizes) > _LARGEST_ARCHIVE:
+        raise Unreadable(archive, f"{sum(sizes)} bytes unpacked; at most {_LARGEST_ARCHIVE} are allowed")
 
 
 def _archive(file: Path) -> Path | None:
@@ -140,9 +148,11 @@ def _members(archive: Path) -> dict[str, bytes]:
     """Return the files in an archive by their names."""
     if zipfile.is_zipfile(archive):
         with zipfile.ZipFile(archive) as packed:
+            _check_members(archive, [one.file_size for one in packed.infolist()])
             return {name: packed.read(name) for name in packed.namelist() if not name.endswith("/")}
     found = {}
     with tarfile.open(archive) as tar:
+        _check_members(archive, [member.size for member in tar.getmembers()])
         for member in tar.getmembers():
             stream = tar.extractfile(member) if member.isfile() else None
             if stream is not None:
@@ -196,8 +206,8 @@ def _content(where: str, name: str, recording: Any, said: Sequence[warnings.Warn
         )
     try:
         rate = finite("core:sample_rate", info.get("core:sample_rate"))
-        if not rate > 0:
-            raise ValueError(f"core:sample_rate {rate:g} is not allowed; a number > 0 Hz")
+        if not rate >= _LEAST_RATE:
+            raise ValueError(f"core:sample_rate {rate:g} is not allowed; a number >= {_LEAST_RATE:g} Hz")
         captures = captures_of(
             recording.get_captures(),
             recording.get_annotations(),

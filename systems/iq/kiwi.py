@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.files import read_bytes
 from systems.iq.block import IqBlock
 from systems.iq.resample import interpolate
 
@@ -70,11 +71,10 @@ def read_kiwi(file: Path) -> GpsRecording:
     Raises
     ------
     ValueError
-        If it is not such a file, is cut off, or its stamps are not those of a steady clock; it names the file.
-    OSError
-        If it cannot be read.
+        If it cannot be read, is not such a file, is cut off, or its stamps are not those of a steady clock; it names
+        the file.
     """
-    stamps, parts = _chunks(file, file.read_bytes())
+    stamps, parts = _chunks(file, read_bytes(file))
     counts = np.array([part.size // 2 for part in parts])
     raw = np.concatenate(parts).astype(np.float64)
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, ContinuousState
-from scipy.integrate import solve_ivp
 
-from systems.frames import inertial_to_earth_fixed
+from systems.frames import WGS84_ECCENTRICITY_SQUARED, inertial_to_earth_fixed
 from systems.motion.gravity import GravityConstants, above_surface, acceleration
+from systems.plants.solving import solve
 from systems.signals import EnsembleBlock
 
 __all__ = ["DenseOrbit", "Orbit", "derivative"]
@@ -164,7 +164,7 @@ class DenseOrbit(_OrbitBlock):
     ------
     ValueError
         As `Orbit`; for more than one trial; when asked before 0 or beyond `end`; when no solution exists up
-        to `end`.
+        to `end`, or a satellite falls onto the Earth before.
     """
 
     def __init__(
@@ -184,22 +184,36 @@ class DenseOrbit(_OrbitBlock):
         if not (np.isfinite(end) and end > 0):
             raise ValueError(f"orbit end: {end} is not allowed; it must be finite and > 0 s")
         self.end = float(end)
+
+        def ground(t: float, x: Array) -> float:
+            return float(self._heights(x).min())
+
+        ground.terminal = True  # type: ignore[attr-defined]
         self._slack = 1e-9 * self.end
-        solved = solve_ivp(
+        solved = solve(
+            f"orbit of {name}",
             lambda t, x: derivative(x.reshape(-1, 6), self.constants, self.j2).ravel(),
-            (0.0, self.end),
+            0.0,
+            self.end,
             self.initial.ravel(),
             method="DOP853",
             rtol=1e-12,
             atol=1e-9,
-            dense_output=True,
+            events=ground,
         )
-        if not solved.success:
-            raise ValueError(f"orbit: no solution up to {self.end} s: {solved.message}")
+        if solved.status == 1:
+            lowest = int(np.argmin(self._heights(solved.y[:, -1])))
+            raise ValueError(f"orbit of {name}: satellite {lowest} falls onto the Earth after {solved.t[-1]:.0f} s")
         self._solution = solved.sol
         self._at = self.declare_cached("inertial", DenseOrbit._evaluate, {self.time_ticket()})
         ticket = self.cached_ticket(self._at)
         self._declare_ports(ticket, {ticket})
+
+    def _heights(self, state: Array) -> Array:
+        """Return heights above the ellipsoid as shares of the equatorial radius, near the surface."""
+        scaled = state.reshape(-1, 6)[:, :3] / self.constants.radius
+        scaled[:, 2] /= np.sqrt(1 - WGS84_ECCENTRICITY_SQUARED)
+        return np.asarray(np.linalg.norm(scaled, axis=-1) - 1, dtype=float)
 
     def at(self, time: ArrayLike) -> Array:
         """Return the inertial states.

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
-from scipy.integrate import OdeSolution, solve_ivp
+from scipy.integrate import OdeSolution
 
 from systems.motion.rocket import RocketModel
+from systems.plants.solving import solve
 from systems.signals import EnsembleBlock
 
 __all__ = ["Rocket", "fly"]
@@ -37,19 +39,16 @@ def fly(model: RocketModel, end: float, method: str = "DOP853", rtol: float = _R
     found = []
     for begin, stop in pairwise(knots):
         middle = 0.5 * (begin + stop)
-        solution = solve_ivp(
-            lambda t, x, m=middle: model.derivative(t, x, m),
-            (begin, stop),
+        solution = solve(
+            "rocket",
+            partial(model.derivative, program_time=middle),
+            begin,
+            stop,
             state,
             method=method,
             rtol=rtol,
             atol=_ATOL,
-            dense_output=True,
         )
-        if not solution.success:
-            raise ValueError(
-                f"rocket: the flight cannot be integrated beyond {solution.t[-1]:g} s ({solution.message})"
-            )
         state = solution.y[:, -1]
         if float(model.site.height(state[:3])) < -1.0:
             raise ValueError(f"rocket: it falls back to the ground before {stop:g} s")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.files import read_text
 from systems.frames import EARTH_RATE, earth_fixed_to_inertial, inertial_to_earth_fixed
 from systems.motion.polynomial import ORBIT_ORDER, polynomial_states
 from systems.plants.recorded import hermite
@@ -18,6 +19,7 @@ __all__ = ["PreciseOrbit", "read_sp3"]
 
 Array = NDArray[np.float64]
 
+_LARGEST_FILE = 64_000_000  # bytes; 32 satellites for a week at 30 s
 _VELOCITY_UNITS = {"dm/s": 0.1, "m/s": 1.0, "km/s": 1e3}
 _TIME_SYSTEMS = ("GPS", "UTC", "TAI", "GLO", "GAL", "QZS", "BDT", "IRN")
 _FEWEST = 10  # positions in a row that give velocities: order 9
@@ -146,7 +148,7 @@ def read_sp3(path: Path | str, satellite: str | None = None) -> PreciseOrbit:
     at 600 s, a manoeuvre) it is NaN.
     """
     path = Path(path)
-    lines = path.read_text(encoding="ascii", errors="replace").splitlines()
+    lines = read_text(path, _LARGEST_FILE, encoding="ascii", errors="replace").splitlines()
     if not lines or not lines[0].startswith("#") or len(lines[0]) < 60 or lines[0][1] not in "abcd":
         raise ValueError(f"{path.name}: not an SP3 file: the first line must begin with #a, #b, #c or #d")
     try:

@@ -90,7 +90,7 @@ def read_records(path: Path, lines: list[str], satellite: str, expected: int) ->
                 if line[1:4].strip() == satellite:
                     at = slice(0, 3) if line[0] == "P" else slice(3, 6)
                     states[-1][at] = _coordinates(line)
-        except (ValueError, IndexError) as error:
+        except (ValueError, IndexError, OverflowError) as error:
             raise ValueError(f"{path.name}: line {number} cannot be read: {line!r}") from error
         last = line if line.strip() else last
     _check_order(path, epochs)

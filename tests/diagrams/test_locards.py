@@ -138,7 +138,7 @@ def test_a_broken_file_is_named(folder):
     with pytest.raises(UserError, match="there are no messages"):
         read_sets(folder)
     (folder / "set_1.csv").write_bytes(b"\xff\xfe\x00\x01" * 9)
-    with pytest.raises(UserError, match=r"set_1.csv: it is not a CSV file"):
+    with pytest.raises(UserError, match=r"set_1.csv: it cannot be read \(not utf-8"):
         read_sets(folder)
     (folder / "set_1.csv").unlink()
     with pytest.raises(UserError, match=r"there is no file set_\*.csv"):

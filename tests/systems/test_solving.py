@@ -1,0 +1,29 @@
+"""Solutions that would not end do."""
+
+import time
+
+import numpy as np
+import pytest
+
+from systems.motion.gravity import GravityConstants
+from systems.plants.orbit import DenseOrbit
+from systems.plants.solving import solve
+
+
+def test_a_solution_is_that_of_the_equation():
+    solved = solve("x", lambda t, x: -x, 0.0, 3.0, np.ones(1), rtol=1e-10, atol=1e-12)
+    assert solved.sol(2.5)[0] == pytest.approx(np.exp(-2.5), rel=1e-7)  # of SciPy's default method at that rtol
+
+
+def test_too_many_revolutions_are_told():
+    began = time.monotonic()
+    with pytest.raises(ValueError, match="spring: it moves too fast to be followed to 1000 s"):
+        solve("spring", lambda t, x: np.array([1e9 * x[1], -1e9 * x[0]]), 0.0, 1e3, np.ones(2))
+    assert time.monotonic() - began < 60
+
+
+def test_a_satellite_that_falls_is_told():
+    start = np.array([[7.0e6, 0, 0, 0, 7.5e3, 0], [7.0e6, 0, 0, 0, 1e3, 0]])
+    with pytest.raises(ValueError, match="satellite 1 falls onto the Earth after 388 s"):
+        DenseOrbit(start, 3000.0, constants=GravityConstants())
+    assert DenseOrbit(start, 300.0).at(300.0).shape == (2, 6)
