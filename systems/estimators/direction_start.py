@@ -43,6 +43,8 @@ class DirectionStart(CloudStart):
     .. math:: w \propto \frac{p(d \mid p)\,p(\tau \mid p)\,p(h)\,p(f \mid p)}{q(d, h)}, \qquad
               p(f \mid p) = N(f;\ f(p, 0),\ C P_v C^T + R_f)
 
+    With light time a delay depends on the velocity, by 0.2 ns at 200 m/s: that is in `begin`, and left out of `cloud`.
+
     A proposal in position would waste nearly all particles (a delay of 20 ns is 80 m in a prior of kilometres).
 
     Parameters

@@ -14,7 +14,7 @@ __all__ = ["Records", "elapsed", "read_records"]
 
 Array = NDArray[np.float64]
 
-_COORDINATES = 46  # characters of a line up to and with its third coordinate
+_CLOCK = 60  # characters of a line up to and with its clock, which some files leave out; what follows is optional
 _BAD = 999999.0  # some files mark what is absent so, where the standard says zero
 _JANUARY, _JULY = (1988, 1990, 1991, 1996, 1999, 2006, 2009, 2017), (1981, 1982, 1983, 1985, 1992, 1993, 1994, 1997)
 _LEAP_SECONDS = [
@@ -75,7 +75,8 @@ def read_records(path: Path, lines: list[str], satellite: str, expected: int) ->
     epochs: list[datetime] = []
     states: list[list[float]] = []
     kinds: list[str] = []  # of each epoch the first letters of its lines
-    last, ended = "", False
+    lasts: list[str] = []  # and the last one
+    ended = False
     for number, line in enumerate(lines, 1):
         if line.startswith("EOF"):
             ended = True
@@ -85,6 +86,7 @@ def read_records(path: Path, lines: list[str], satellite: str, expected: int) ->
                 epochs.append(_epoch(line))
                 states.append([np.nan] * 6)
                 kinds.append("")
+                lasts.append(line)
             elif line[:1] in ("P", "V"):
                 kinds[-1] += line[0]
                 if line[1:4].strip() == satellite:
@@ -92,9 +94,10 @@ def read_records(path: Path, lines: list[str], satellite: str, expected: int) ->
                     states[-1][at] = _coordinates(line)
         except (ValueError, IndexError, OverflowError) as error:
             raise ValueError(f"{path.name}: line {number} cannot be read: {line!r}") from error
-        last = line if line.strip() else last
+        if lasts and line.strip():
+            lasts[-1] = line
     _check_order(path, epochs)
-    _check_end(path, epochs, kinds, last, ended, expected)
+    _check_end(path, epochs, kinds, lasts, ended, expected)
     table = np.array(states).reshape(-1, 6)
     return Records(epochs, 1e3 * table[:, :3], table[:, 3:])
 
@@ -122,7 +125,9 @@ def _check_order(path: Path, epochs: list[datetime]) -> None:
             )
 
 
-def _check_end(path: Path, epochs: list[datetime], kinds: list[str], last: str, ended: bool, expected: int) -> None:
+def _check_end(
+    path: Path, epochs: list[datetime], kinds: list[str], lasts: list[str], ended: bool, expected: int
+) -> None:
     """Refuse a file that is not whole.
 
     Without an EOF line it is whole if it has all its epochs, and as much of the last one as of the one before. With
@@ -134,8 +139,7 @@ def _check_end(path: Path, epochs: list[datetime], kinds: list[str], last: str, 
         if count == expected or (abs(count - expected) == 1 and len(steps) == 1):
             return
     elif count == expected:
-        whole = len(kinds) > 1 and kinds[-1] == kinds[-2] and len(last) >= _COORDINATES
-        if whole:
+        if count > 1 and kinds[-1] == kinds[-2] and len(lasts[-1].rstrip()) >= min(_CLOCK, len(lasts[-2].rstrip())):
             return
         raise ValueError(
             f"{path.name}: it ends in the middle: the last of {expected} epochs is cut, and there is no EOF line"

@@ -58,6 +58,7 @@ def test_the_unit_of_the_velocities_is_found_from_the_positions(tmp_path, factor
         (text(end=False).rsplit("VL27", 1)[0], "the last of 4 epochs is cut, and there is no EOF line"),
         (text(end=False).rsplit("VL27", 1)[0] + "VL27      0.000000  10000.000000      0.0", "the last of 4 epochs"),
         (text(end=False).rsplit("PL27", 1)[0], "the last of 4 epochs is cut"),
+        (text(end=False)[:-3], "the last of 4 epochs is cut"),
         (text()[: text().index("VL27")] + "VL27   12", "line 10 cannot be read"),
         (text(minutes=[0, 1, 1, 2]), "epoch 3, 2008-08-30 21:01:00, does not come after"),
         (text(factor=3.0), "velocities and positions do not fit"),
