@@ -392,10 +392,6 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         builder.Connect(prior.GetOutputPort(f"initial_estimate_{motion.size}"), block.GetInputPort("initial_estimate"))
         blocks[name] = block
 
-    def start_covariance(name: str, target: Array, carriers: Array) -> Array:
-        p = _start_covariance(belief, blocks[name].motion.size == 10)
-        return np.broadcast_to(p, (target.shape[0], *p.shape))
-
     return Wired(
         truth=truth.GetOutputPort("state"),
         platforms=platforms,
@@ -404,10 +400,8 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         clock=clock,
         duration=scenario.stop_s,
         divergence=scenario.divergence_m,
-        start_covariance=start_covariance,
         truth_motion=_truth_motion(scenario),
         truth_states=KnownFlight([0.0]).names,
-        start_uses_measurement=False,
         signals={"mode": mode.GetOutputPort("mode"), "stage": vehicle.GetOutputPort("stage")},
         frame="launch",
     )
@@ -417,5 +411,5 @@ SYSTEM = System(
     name="beacon_rocket",
     title="three-stage rocket, range rates at many stations, the beacon's drift as one shared bias",
     scenario=Scenario,
-    wire=wire,
+    wired_by=wire,
 )

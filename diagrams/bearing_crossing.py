@@ -24,11 +24,9 @@ from systems.clocks import Periodic
 from systems.documented import choice, documented, number
 from systems.estimators.azimuth_filter import AzimuthFilter, AzimuthFilterOptions
 from systems.estimators.base import Estimator, Wiring
-from systems.estimators.bearing_lines import BearingLocator
 from systems.estimators.bearing_start import BearingStart
 from systems.estimators.crossing import Crossing
 from systems.estimators.options import EstimatorOptions
-from systems.estimators.range_parameterised import RangeParameterised
 from systems.measurement.bearing import Bearing
 from systems.motion.base import MotionModel
 from systems.motion.constant_velocity import ConstantVelocity
@@ -54,7 +52,6 @@ _KM = 1e3
 _KMPH = 1 / 3.6
 _UNDER = 1.0  # m; nearer than this there is no bearing
 _PARALLEL = 1e-6  # rad
-_NO_PRIOR = 1e8  # m; of the range, for estimators that do not believe in any
 
 
 @dataclass
@@ -282,9 +279,6 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         builder.Connect(known, block.GetInputPort("platforms"))
         blocks[name] = block
 
-    def start_covariance(name: str, state: Array, platforms: Array) -> Array:
-        return start.covariance_at(state, platforms, _believed_range(blocks[name], start))
-
     return Wired(
         truth=truth,
         platforms=carrier,
@@ -293,9 +287,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         clock=clock,
         duration=scenario.duration_s,
         divergence=scenario.divergence_m,
-        start_covariance=start_covariance,
         truth_motion=motion,
-        start_uses_measurement=True,
         signals={name: block.GetOutputPort("estimate") for name, block in filters.items()},
         frame="local",
         stream=list(model.names),
@@ -370,18 +362,9 @@ def _filter(
     return filters[name]
 
 
-def _believed_range(block: Estimator, start: BearingStart) -> float:
-    """Return the standard deviation of the range that an estimator starts with [m]."""
-    if isinstance(block, RangeParameterised):
-        return block.sigma_distance
-    if isinstance(block, BearingLocator) and not getattr(block, "prior", False):
-        return _NO_PRIOR
-    return start.sigma_distance
-
-
 SYSTEM = System(
     name="bearing_crossing",
     title="one aircraft, bearings only: azimuth filtered in pieces, crossing of lines, direct filters",
     scenario=Scenario,
-    wire=wire,
+    wired_by=wire,
 )

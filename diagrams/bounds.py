@@ -352,18 +352,18 @@ class StudyBounds:
                 return undefined  # of some of it nobody says how it moves
             moves = CarriedMotion(motion, own, names)
         state = translated(truth, names, own)
-        start = self._start(name, estimator, state, platforms)
-        if start is None:
+        start, spent = estimator.bound_prior(state[:, 0], platforms[:, 0])
+        if start is None or start.shape[-1] != own.size:
+            self._warn_without_prior(name, estimator, start)
             return undefined
         model = estimator.bound_model
-        key = (model, moves, own.names, start)
+        key = (model, moves, own.names, start, spent)
         for known, squares in done:
             if alike(key, known):
                 return squares
         seen = None if present is None else rows_present(self.wired, estimator, present)
         flown = truth if isinstance(moves, CarriedMotion) else None
-        first = self.wired.start_uses_measurement
-        steps = bound_steps(state, platforms, self.times, model, moves, start, first, seen, flown)
+        steps = bound_steps(state, platforms, self.times, model, moves, start, spent, seen, flown)
         both = shared(own.names, names)
         places = columns(own.names, both)
         parts = [
@@ -379,23 +379,18 @@ class StudyBounds:
         """Return whether a state has all that the quantity is made of, as far as the study has it at all."""
         return set(shared(NEEDED[quantity], self._judged)) <= set(names)
 
-    def _start(self, name: str, estimator: Estimator, state: Array, platforms: Array) -> Array | None:
-        """Return the covariance of an estimator's start; None with a warning where nobody can say it."""
+    def _warn_without_prior(self, name: str, estimator: Estimator, start: Array | None) -> None:
         size = estimator.motion.size
-        found = self.wired.start_covariance(name, state[:, 0], platforms[:, 0])
-        if found.shape[-1] != size:  # the system's own start, and a state that a user's class has made larger
-            own = estimator.start.covariance_at(state[:, 0], platforms[:, 0])
-            if own is None or own.shape[-1] != size:
-                if name not in self._warned:
-                    warnings.warn(
-                        f"estimators.{name}: no bound, the system's start has {found.shape[-1]} states and the "
-                        f"estimator {size}; covariance_at of its start must return {size} x {size}",
-                        stacklevel=2,
-                    )
-                self._warned.add(name)
-                return None
-            found = own
-        return found
+        if name not in self._warned:
+            said = (
+                "its start does not say its covariance" if start is None else f"its start has {start.shape[-1]} states"
+            )
+            warnings.warn(
+                f"estimators.{name}: no bound, {said} and the estimator {size}; covariance_at of its start must return "
+                f"{size} x {size}",
+                stacklevel=2,
+            )
+        self._warned.add(name)
 
     def variables(self) -> dict[str, tuple[tuple[str, str], Array]]:
         """Return the variables (estimator, time) of a study's result, ``bound_position`` ... ``bound_truth_course``.

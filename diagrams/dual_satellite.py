@@ -424,7 +424,7 @@ def _add_estimators(
             builder.Connect(source, block.GetInputPort(port))
         blocks[name] = block
         if isinstance(block, ParticleEstimator):
-            signals |= {f"{port}_{name}": block.GetOutputPort(port) for port in block.health_ports()}
+            signals |= {f"{port}_{name}": block.GetOutputPort(port) for port in block.diagnostics()}
 
     return Wired(
         truth=truth,
@@ -434,10 +434,8 @@ def _add_estimators(
         clock=clock,
         duration=scenario.duration_s,
         divergence=scenario.divergence_m,
-        start_covariance=lambda name, target, carriers: start.covariance_at(target, carriers),
         truth_motion=truth_motion,
         truth_states=ConstantVelocity(0.0).names,
-        start_uses_measurement=start.uses_measurement,
         signals=signals,
     )
 
@@ -473,5 +471,5 @@ SYSTEM = System(
     name="dual_satellite",
     title="airborne emitter, two satellites: direction of arrival, TDOA, FDOA; particle filters",
     scenario=Scenario,
-    wire=wire,
+    wired_by=wire,
 )

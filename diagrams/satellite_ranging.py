@@ -21,7 +21,6 @@ from diagrams.sensor_errors import NO_CLOCKS, Place, Seat, SensorErrors, refuse,
 from diagrams.system import System, Wired
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
-from systems.estimators.bank import RootBank
 from systems.estimators.base import Wiring
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.range_decomposed import RangeDecomposed
@@ -56,7 +55,6 @@ else:
 _KM = 1e3
 _KINDS = ("angles", "rates", *ROWS)
 _POSITION = "position"
-_NO_PRIOR = np.diag([1e9**2] * 3 + [1e6**2] * 3)  # of an estimator without one, for its bound; m and m/s
 _COPLANAR = 1.0  # degrees between the two orbit planes
 
 
@@ -407,7 +405,6 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
             builder.Connect(ahead.GetOutputPort("preview"), block.GetInputPort("preview"))
         blocks[name] = block
 
-    unaided = {name for name, block in blocks.items() if isinstance(block, RootBank)}
     return Wired(
         truth=target,
         platforms=exact,
@@ -416,9 +413,7 @@ def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str],
         clock=clock,
         duration=scenario.duration_s,
         divergence=scenario.divergence_m,
-        start_covariance=lambda name, state, carriers: (_NO_PRIOR if name in unaided else covariance)[None],
         truth_motion=OrbitalMotion(constants, sensor_model.j2),
-        start_uses_measurement=False,
         signals={port: ranging.GetOutputPort(port) for port in ("ranges", "range_sigmas")},
         dashed=dashed,
         frame="inertial",
@@ -463,5 +458,5 @@ SYSTEM = System(
     name="satellite_ranging",
     title="satellite to satellite: passive ranging from angles, rates, radial velocity and radial acceleration",
     scenario=Scenario,
-    wire=wire,
+    wired_by=wire,
 )

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from diagrams.assembly.build import build
+from diagrams.assembly.model import Model
 from diagrams.errors import UserError
 from systems.clocks import Clock
 from systems.estimators.base import Estimator
@@ -41,16 +43,10 @@ class Wired:
         Length of a run [s].
     divergence : float
         Position error at the last epoch beyond which a trial counts as diverged [m].
-    start_covariance : callable
-        ``(estimator name, truth (trials, n), platforms) -> (trials, n, n)``: covariance of the start at the truth,
-        which is written as the estimator's state; it is the prior of the bounds. An estimator whose state is not
-        the system's own may be asked for its `Start.covariance_at` instead.
     truth_motion : MotionModel, optional
         The motion that the truth really has, for the bound that does not know the filter's process noise (of a rocket:
         deviations from a flight whose acceleration is known); None where it is none of the models, and that bound is
         then NaN.
-    start_uses_measurement : bool
-        Whether the first epoch's measurement is spent on the start.
     signals : mapping of str to OutputPort
         Further signals worth a log, such as resolved integers.
     dashed : sequence of (str, str)
@@ -80,9 +76,7 @@ class Wired:
     clock: Clock
     duration: float
     divergence: float
-    start_covariance: Callable[[str, Array, Array], Array]
     truth_motion: MotionModel | None
-    start_uses_measurement: bool
     sensed: OutputPort | None = None
     signals: Mapping[str, OutputPort] = field(default_factory=dict)
     dashed: Sequence[tuple[str, str]] = ()
@@ -137,11 +131,42 @@ class System:
         One line.
     scenario : type
         Dataclass of its scenario.
-    wire : callable
-        ``wire(builder, scenario, estimators, trials) -> Wired``.
+    declare : callable, optional
+        ``declare(scenario) -> Model``.
+    wired_by : callable, optional
+        ``(builder, scenario, estimators, trials) -> Wired``, of a system that is not declared yet.
     """
 
     name: str
     title: str
     scenario: type
-    wire: Callable[[DiagramBuilder, Any, Sequence[str], int], Wired]
+    declare: Callable[[Any], Model] | None = None
+    wired_by: Callable[[DiagramBuilder, Any, Sequence[str], int], Wired] | None = None
+
+    def wire(self, builder: DiagramBuilder, scenario: Any, estimators: Sequence[str], trials: int) -> Wired:
+        """Put a scenario's truth, sensors and estimators into a diagram."""
+        if self.declare is None:
+            assert self.wired_by is not None
+            return self.wired_by(builder, scenario, estimators, trials)
+        model = self.declare(scenario)
+        made = build(model, builder, {name: scenario.estimators[name] for name in estimators}, trials)
+        return Wired(
+            made.truth,
+            made.platforms,
+            made.measurement,
+            made.estimators,
+            model.clock,
+            model.duration,
+            model.divergence,
+            model.truth_motion,
+            made.sensed,
+            made.signals,
+            made.dashed,
+            made.looks_ahead,
+            model.frame,
+            made.note,
+            model.convergence,
+            model.truth_states,
+            model.rows,
+            model.widest,
+        )

@@ -6,15 +6,16 @@ Xu, Su and Wang, *A moving target tracking method based on fusion of TDOA/FDOA/D
 
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Union, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from diagrams import formation
+from diagrams.assembly.bus import Bus
+from diagrams.assembly.model import Assumed, Model
 from diagrams.errors import UserError
 from diagrams.formation import (
     Constants,
@@ -25,16 +26,16 @@ from diagrams.formation import (
     RandomAcceleration,
     ReferenceOrbit,
     StraightLine,
-    add_emitter,
 )
 from diagrams.ground import beside_track, track_axes
-from diagrams.sensor_errors import Place, Seat, SensorErrors, known_platforms, spoil
-from diagrams.system import System, Wired
+from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
+from diagrams.parts.movers import Emitter, Satellites, true_motion
+from diagrams.parts.resolving import PhaseResolution
+from diagrams.parts.sensing import TargetSensor
+from diagrams.sensor_errors import SensorErrors
+from diagrams.system import System
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
-from systems.estimators.base import Estimator, Wiring
-from systems.estimators.hypotheses_start import HypothesesStart
-from systems.estimators.hypothesis_bank import HypothesisBank
 from systems.estimators.known_height_start import KnownHeightStart
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.phase_resolver import PhaseResolver
@@ -51,7 +52,6 @@ from systems.measurement.visibility import ElevationMask
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.plants.orbit import DenseOrbit
 from systems.registry import estimator_options
-from systems.sensors.sensor import Sensor
 
 __all__ = ["SYSTEM", "Scenario", "models", "satellite_orbit", "satellite_states", "target_state", "track_axes"]
 
@@ -179,7 +179,7 @@ def target_state(
 # -------------------------------------------------------------------------------------------------- models
 
 
-def models(scenario: Scenario, believed: bool) -> dict[str, MeasurementModel]:
+def models(scenario: Scenario, believed: bool) -> dict[str, Any]:
     """Return the measurement models, of the truth or as the estimators believe them, by kind.
 
     Keys ``tdoa``, ``fdoa``, ``phase_a``, ``phase_b``, and ``phase``: both axes together.
@@ -241,164 +241,72 @@ def _believed_stack(scenario: Scenario, name: str) -> MeasurementModel:
     return Stack([available[kind] for kind in kinds])
 
 
-# -------------------------------------------------------------------------------------------------- wiring
+# ------------------------------------------------------------------------------------------------ declared
 
 
-def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str], trials: int) -> Wired:
-    """Put truth, sensor, start, resolver and estimators into a diagram; see `diagrams.system.System`."""
-    orbit = builder.AddSystem(satellite_orbit(scenario))
-    platforms = orbit.GetOutputPort("state")
-    clock = Periodic(scenario.period_s)
+def declare(scenario: Scenario) -> Model:
+    """Return truth, sensor, start, resolver and what the estimators are given; see `diagrams.assembly`."""
+    truth, belief, errors = scenario.truth, scenario.belief, scenario.truth.errors
+    clock, rate = Periodic(scenario.period_s), scenario.constants.earth_rate_radps
+    orbit = satellite_orbit(scenario)
     start_state = target_state(scenario, orbit)
     _check_visible(scenario, orbit, start_state)
+    real, believed = (models(scenario, believed) for believed in (False, True))
+    stack = _sensor_stack(scenario, real)
+    resolver = PhaseResolution(stack, real["phase"], real["tdoa"], _chain(scenario))
+    sigma_height = truth.sigma_assumed_height_km * _KM
+    phases = [row for row in stack.names if row.startswith("phase")]
+    mask = ElevationMask(math.radians(truth.minimum_elevation_deg), "target")
 
-    emitter, truth_motion = add_emitter(builder, scenario.truth.motion, start_state, clock, trials)
-    truth = emitter.GetOutputPort("state")
-    truth_trials = emitter.output_size("state")[0]
-
-    resolving = any(not scenario.estimators[name].resolves_phases for name in estimators)
-    known, known_trials = known_platforms(builder, scenario.truth.errors, platforms, trials, 3)
-    sensor, stream, resolver = _add_sensor(builder, scenario, clock, (trials, truth_trials, known_trials), resolving)
-    believed = models(scenario, believed=True)
-    assumed = builder.AddSystem(
-        Sensor(
-            Altitude(scenario.truth.sigma_assumed_height_km * _KM, "assumed_height"),
-            clock,
-            trials,
-            3,
-            target_trials=truth_trials,
-            name="assumed_height",
+    def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
+        raw = truth.phase == "unambiguous" or options.resolves_phases
+        rows = list(stack.names) if raw else resolver.on(bus)
+        start = KnownHeightStart(
+            believed["tdoa"],
+            rows,
+            belief.sigma_assumed_height_km * _KM if belief.sigma_assumed_height_km else sigma_height,
+            belief.sigma_velocity_mps,
+            belief.sigma_satellite_m,
+            cast(Method, belief.start),
         )
-    )
-    for block in (sensor, assumed):
-        builder.Connect(truth, block.GetInputPort("target"))
-        builder.Connect(platforms, block.GetInputPort("platforms"))
+        motion = ConstantVelocity(belief.acceleration_mps2)
+        takes = {"measurement": "raw"} if raw else {}
+        return Assumed(_believed_stack(scenario, name), motion, start, rows, takes)
 
-    measured = raw = _spoilt(builder, scenario, sensor, clock, truth, platforms)
-    if resolver is not None:
-        builder.Connect(measured, resolver.GetInputPort("measurement"))
-        builder.Connect(known, resolver.GetInputPort("platforms"))
-        measured = resolver.GetOutputPort("measurement")
-
-    sigma_height = scenario.belief.sigma_assumed_height_km or scenario.truth.sigma_assumed_height_km
-    tdoa = believed["tdoa"]
-    assert isinstance(tdoa, Tdoa)
-    start = KnownHeightStart(
-        tdoa,
-        stream,
-        sigma_height * _KM,
-        scenario.belief.sigma_velocity_mps,
-        scenario.belief.sigma_satellite_m,
-        cast(Method, scenario.belief.start),
-    )
-    blocks: dict[str, Estimator] = {}
-    for name in estimators:
-        options = scenario.estimators[name]
-        rows = sensor.model.names if options.resolves_phases else stream
-        block = builder.AddSystem(
-            options.make(
-                name,
-                _believed_stack(scenario, name),
-                ConstantVelocity(scenario.belief.acceleration_mps2),
-                start,
-                Wiring(trials, rows, clock, platforms=3, platform_trials=known_trials),
-            )
-        )
-        builder.Connect(raw if options.resolves_phases else measured, block.GetInputPort("measurement"))
-        builder.Connect(known, block.GetInputPort("platforms"))
-        builder.Connect(assumed.GetOutputPort("measurement"), block.GetInputPort("assumed_height"))
-        blocks[name] = block
-
-    signals = {
-        f"{port}_{name}": block.GetOutputPort(port)
-        for name, block in blocks.items()
-        if isinstance(block, HypothesisBank)
-        for port in ("integers", "weights")
-        if port in block.output_names()
-    }
-    dashed = []
-    if resolver is not None:
-        signals["integers"] = resolver.GetOutputPort("integers")
-        if not scenario.truth.chain_m:
-            feedback = blocks[estimators[0]]
-            builder.Connect(feedback.GetOutputPort("prediction"), resolver.GetInputPort("prediction"))
-            dashed.append((feedback.get_name(), resolver.get_name()))
-
-    def start_covariance(name: str, target: Array, carriers: Array) -> Array:
-        own = blocks[name].start
-        return (own if isinstance(own, HypothesesStart) else start).covariance_at(target, carriers)
-
-    return Wired(
-        truth=truth,
-        platforms=platforms,
-        measurement=measured,
-        sensed=raw,
-        estimators=blocks,
+    return Model(
         clock=clock,
         duration=scenario.duration_s,
         divergence=scenario.divergence_m,
-        start_covariance=start_covariance,
-        truth_motion=truth_motion,
+        parts=[
+            Satellites(lambda: satellite_orbit(scenario)),
+            Emitter(truth.motion, start_state, clock),
+            TargetSensor("sensor", stack, clock, mask, gives=["measured"]),
+            TargetSensor("assumed_height", Altitude(sigma_height, "assumed_height"), clock),
+            Impaired(
+                stack,
+                clock,
+                errors,
+                mounts=[Mount(phases, 0, lambda carrier: body_frame(carrier[..., None, :], 0, rate))],
+                clocks={"tdoa_10": (1, 0), "tdoa_20": (2, 0)},
+            ),
+            KnownPlatforms(errors.sigma_platform_position_m, errors.sigma_platform_velocity_mps),
+        ],
+        assume=assume,
+        truth_motion=true_motion(truth.motion),
         truth_states=ConstantVelocity(0.0).names,
-        start_uses_measurement=start.uses_measurement,
-        signals=signals,
-        dashed=dashed,
+        signals={"integers": "phase_resolver.integers"},
     )
 
 
-def _add_sensor(
-    builder: DiagramBuilder, scenario: Scenario, clock: Periodic, sizes: tuple[int, int, int], resolving: bool
-) -> tuple[Sensor, list[str], PhaseResolver | None]:
-    """Add the sensor and, for wrapped phases, the resolver; return them and the names of the rows after it.
-
-    `sizes`: trials of the measurement, of the truth, of the platforms as they are known. The resolver is left out
-    where no estimator needs it.
-    """
-    trials, truth_trials, known_trials = sizes
-    real = models(scenario, believed=False)
-    phase, tdoa = real["phase"], real["tdoa"]
-    assert isinstance(phase, InterferometerPhase) and isinstance(tdoa, Tdoa)
-    parts = [tdoa, real["fdoa"], phase]
+def _sensor_stack(scenario: Scenario, real: Mapping[str, Any]) -> Stack:
+    """Return what the satellites measure, with the phases of the shorter baselines."""
     chain = _chain(scenario)
+    if chain and scenario.truth.phase == "unambiguous":
+        raise UserError("truth.chain_m: a chain of baselines is for truth.phase wrapped only")
+    phase = real["phase"]
     for i, link in enumerate(chain):
         link.names = PhaseResolver.link_names(phase, i)
-        parts.append(link)
-    stack = Stack(parts)
-    mask = ElevationMask(math.radians(scenario.truth.minimum_elevation_deg), "target")
-    sensor = builder.AddSystem(Sensor(stack, clock, trials, 3, target_trials=truth_trials, mask=mask, name="sensor"))
-    if scenario.truth.phase == "unambiguous":
-        if chain:
-            raise UserError("truth.chain_m: a chain of baselines is for truth.phase wrapped only")
-        return sensor, list(stack.names), None
-    if not resolving:
-        return sensor, list(stack.names), None
-    resolver = builder.AddSystem(PhaseResolver(stack.names, phase, tdoa, trials, 3, chain, known_trials))
-    return sensor, resolver.stream, resolver
-
-
-def _spoilt(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    sensor: Sensor,
-    clock: Periodic,
-    truth: OutputPort,
-    platforms: OutputPort,
-) -> OutputPort:
-    """Return the sensor's output with the errors that nobody knows of."""
-    rate, model = scenario.constants.earth_rate_radps, sensor.model
-    phases = [row for row in model.names if row.startswith("phase")]
-    place = Place(
-        model,
-        clock,
-        sensor.GetOutputPort("measurement"),
-        truth,
-        platforms,
-        sensor.trials,
-        3,
-        seats=[Seat(phases, 0, lambda carrier: body_frame(carrier[..., None, :], 0, rate))],
-        clocks={"tdoa_10": (1, 0), "tdoa_20": (2, 0)},
-    )
-    return spoil(builder, scenario.truth.errors, place)
+    return Stack([real["tdoa"], real["fdoa"], phase, *chain])
 
 
 def _check_visible(scenario: Scenario, orbit: DenseOrbit, target: Array) -> None:
@@ -422,5 +330,5 @@ SYSTEM = System(
     name="three_satellite",
     title="airborne emitter of unknown height, three satellites: TDOA, FDOA, two-axis phase",
     scenario=Scenario,
-    wire=wire,
+    declare=declare,
 )

@@ -24,6 +24,8 @@ __all__ = ["Bank", "RootBank", "RootsStart"]
 
 Array = NDArray[np.float64]
 
+_NO_PRIOR = np.diag([1e9**2] * 3 + [1e6**2] * 3)  # wider than any orbit; m and m/s
+
 
 class RootsStart(Start):
     """Position and velocity at every root of the first epoch's ranging equation that can be a satellite; no prior.
@@ -97,6 +99,14 @@ class RootBank(HypothesisBank):
     ) -> None:
         self._roots = start
         super().__init__(name, algorithm, model, motion, start, wiring, least_weight)
+
+    def diagnostics(self) -> Sequence[str]:
+        """See `Estimator.diagnostics`."""
+        return ()
+
+    def bound_prior(self, truth: Array, platforms: Array) -> tuple[Array, bool]:
+        """See `Estimator.bound_prior`: none, but all of the first epoch."""
+        return _NO_PRIOR[None], False
 
     def first(
         self, measurement: Array, platforms: Array, inputs: Mapping[str, Array], epoch: Epoch

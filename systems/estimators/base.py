@@ -180,6 +180,36 @@ class Estimator(EnsembleBlock):
         """What the estimator makes of the measurements, for the bound: the model, unless it uses less than that."""
         return self.model
 
+    # ---- what an estimator says of itself
+
+    causal: bool = True
+    """False where it uses measurements before they are made (as a paper may)."""
+
+    note: str = ""
+    """What a reader of its results must know."""
+
+    def diagnostics(self) -> Sequence[str]:
+        """Return further output ports that are worth a log."""
+        return ()
+
+    def bound_prior(self, truth: Array, platforms: Array) -> tuple[Array | None, bool]:
+        """Return the prior of the estimator's bound, and whether the first epoch's measurement is spent on it.
+
+        Parameters
+        ----------
+        truth : ndarray, shape (trials or 1, n)
+            The target at the first epoch, in the estimator's states.
+        platforms : ndarray, shape (trials or 1, p, 6)
+            The carriers at that epoch.
+
+        Returns
+        -------
+        covariance : ndarray, shape (trials or 1, n, n), or None
+            None where it cannot be said.
+        spent : bool
+        """
+        return self.start.covariance_at(truth, platforms), self.start.uses_measurement
+
     # ---- what a subclass provides
 
     @abstractmethod

@@ -21,6 +21,7 @@ from systems.motion.base import MotionModel
 __all__ = ["BearingLocator", "Lately", "Sighting"]
 
 Array = NDArray[np.float64]
+_NO_PRIOR = 1e8  # m; of the range, where none is believed in
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,11 @@ class BearingLocator(Estimator):
         self.axes = model.size + 1
         self.belief = start
         super().__init__(name, model, motion, _Nothing(motion.size), wiring)
+
+    def bound_prior(self, truth: Array, platforms: Array) -> tuple[Array, bool]:
+        """See `Estimator.bound_prior`: the first bearing, with the start's range only where it counts as a prior."""
+        spread = self.belief.sigma_distance if getattr(self, "prior", False) else _NO_PRIOR
+        return self.belief.covariance_at(truth, platforms, spread), True
 
     # ---- what a subclass provides
 

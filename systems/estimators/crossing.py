@@ -44,6 +44,11 @@ class CrossingLocator(BearingLocator):
         Error of the platform's position per axis that is believed in [m].
     """
 
+    note = (
+        "Where lines of bearing cross at a small angle the error of their crossing has no variance: read the medians, "
+        "here and in summary.json, not the RMSE."
+    )
+
     def __init__(
         self,
         name: str,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -136,6 +136,10 @@ class HypothesisBank(Estimator):
             )
 
     # ---- memory
+
+    def diagnostics(self) -> Sequence[str]:
+        """See `Estimator.diagnostics`."""
+        return [port for port in ("integers", "weights") if port in self.output_names()]
 
     def memory_sizes(self) -> Mapping[str, int]:
         """See `Estimator.memory_sizes`; hypotheses are sorted by falling weight."""

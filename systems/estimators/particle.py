@@ -103,8 +103,8 @@ class ParticleEstimator(Estimator):
     def _health(self, column: int, context: Context) -> Array:
         return self.posterior_memory(context)["health"][:, column]
 
-    def health_ports(self) -> Sequence[str]:
-        """Return the names of the ports that tell how the cloud is."""
+    def diagnostics(self) -> Sequence[str]:
+        """See `Estimator.diagnostics`: how the cloud is."""
         return _PORTS
 
     def cloud(self, context: Context) -> Cloud:

@@ -107,6 +107,7 @@ class RangeDecomposed(Estimator):
         self.equation = self.position.equation
         self.plane_epochs = plane_epochs
         self.look_ahead = look_ahead
+        self.causal = not look_ahead
         self._observer = model.observer
         self._pattern: Pattern = pattern
         self._track: Pattern = track

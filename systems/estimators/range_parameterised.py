@@ -89,7 +89,12 @@ class RangeParameterised(Estimator):
         # Of the mixture that the hypotheses are at the start.
         self.sigma_distance = float(np.sqrt(np.mean(sigmas**2 + middles**2) - middles.mean() ** 2))
         self._whitener = Whitener(model.noise_covariance())
+        self._from = start
         super().__init__(name, model, motion, _EveryRange(start, *self._ranges), wiring)
+
+    def bound_prior(self, truth: Array, platforms: Array) -> tuple[Array, bool]:
+        """See `Estimator.bound_prior`: the mixture's range."""
+        return self._from.covariance_at(truth, platforms, self.sigma_distance), True
 
     def memory_sizes(self) -> Mapping[str, int]:
         """See `Estimator.memory_sizes`."""

@@ -53,9 +53,16 @@ class Start(ABC):
         """
 
     def covariance_at(self, target: Array, platforms: Array) -> Array | None:
-        """Return the covariance of the start for a target at `target` (trials, n), shape (..., n, n), or None.
+        """Return the covariance of the start at the truth, the prior of a bound; None where a start cannot say it.
 
-        It is the prior of the bounds; None, the default, where the start cannot say it.
+        Parameters
+        ----------
+        target : ndarray, shape (trials or 1, n)
+        platforms : ndarray, shape (trials or 1, p, 6)
+
+        Returns
+        -------
+        ndarray, shape (trials or 1, n, n), or None
         """
         return None
 
@@ -106,7 +113,7 @@ class GivenStart(Start):
 
     def covariance_at(self, target: Array, platforms: Array) -> Array:
         """See `Start.covariance_at`."""
-        return self._covariance
+        return self._covariance if self._covariance.ndim == 3 else self._covariance[None]
 
 
 class PortStart(Start):
@@ -134,4 +141,4 @@ class PortStart(Start):
 
     def covariance_at(self, target: Array, platforms: Array) -> Array:
         """See `Start.covariance_at`."""
-        return self._covariance
+        return self._covariance[None]

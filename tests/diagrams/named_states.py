@@ -130,9 +130,7 @@ def wire(builder, scenario, estimators, trials):
         clock=clock,
         duration=scenario.duration_s,
         divergence=1e4,
-        start_covariance=start_covariance,
         truth_motion=true,
-        start_uses_measurement=False,
         frame="local",
     )
 

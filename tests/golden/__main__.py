@@ -1,4 +1,4 @@
-"""Write the golden record anew: ``python -m tests.golden [TITLE...]``; say in the commit which numbers change and why."""
+"""Write the golden record anew: ``python -m tests.golden [TITLE...]``; the commit says which numbers change and why."""
 
 import sys
 

@@ -1,0 +1,112 @@
+"""What a system declares of one scenario: its parts, and what each estimator is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from diagrams.assembly.bus import Bus
+from systems.clocks import Clock
+from systems.estimators.base import Estimator
+from systems.estimators.start import Start
+from systems.measurement.base import MeasurementModel
+from systems.motion.base import MotionModel
+
+__all__ = ["Assumed", "Model", "Part"]
+
+
+class Part(Protocol):
+    """Puts one thing on a bus: platforms, a target, a sensor with its errors, a prior. It may be used many times."""
+
+    def __call__(self, bus: Bus, /) -> None:
+        """Add its blocks to ``bus`` and publish its signals."""
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """What one estimator is given.
+
+    Attributes
+    ----------
+    model : MeasurementModel
+        The sensor as the estimator believes it to be.
+    motion : MotionModel
+        The motion as it believes it to be.
+    start : Start
+        How it begins.
+    rows : sequence of str
+        Names of the rows on its measurement port.
+    takes : mapping of str to str
+        Input ports and their signals, where they are not those of the same name. ``platforms`` is ``known`` unless it
+        is said here; with ``noise_covariance`` in it, R comes with the measurement.
+    clock : Clock, optional
+        When measurements come; by default the model's.
+    feedback : mapping of str to str
+        Likewise, for signals that are there only when all is built.
+    on_demand : mapping of str to callable
+        Input ports that only some estimators have: ``(bus, estimator) -> signal`` makes what such a one gets.
+    """
+
+    model: MeasurementModel
+    motion: MotionModel
+    start: Start
+    rows: Sequence[str]
+    takes: Mapping[str, str] = field(default_factory=dict)
+    clock: Clock | None = None
+    feedback: Mapping[str, str] = field(default_factory=dict)
+    on_demand: Mapping[str, Callable[[Bus, Estimator], str]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Model:
+    """A scenario, declared: `diagrams.assembly.build` makes the diagram of it.
+
+    Attributes
+    ----------
+    clock : Clock
+        When measurements come.
+    duration : float
+        Length of a run [s].
+    divergence : float
+        Position error at the last epoch beyond which a trial counts as diverged [m].
+    parts : sequence of Part
+        In the order in which signals are needed. They publish ``truth``, ``platforms``, ``measurement`` and what the
+        estimators take; ``known`` and ``raw`` where these are something else.
+    assume : callable
+        ``(bus, name, options) -> Assumed``: what the estimator of that name is given. It may add blocks of its own, or
+        such as only some estimators need.
+    truth_motion : MotionModel, optional
+        The motion that the truth really has, for the bound that does not know the filter's process noise (of a rocket:
+        deviations from a flight whose acceleration is known); None where it is none of the models, and that bound is
+        then NaN.
+    frame : {'earth_fixed', 'inertial', 'local', 'launch'}
+        Axes of states and platforms; heights and courses mean nothing in inertial and launch ones. ``local``: east,
+        north and, where there is a third axis, up, on a flat Earth.
+    truth_states : sequence of str, optional
+        Names of the components on ``truth``; by default those of `truth_motion` or of the target's own motion model.
+    signals : mapping of str to str
+        What else is worth a log: its name there and its signal; left out where the diagram has no such signal.
+    rows : sequence of str, optional
+        Names of the rows of ``measurement``, where no estimator is wired to it as it is.
+    note : str
+        What a reader of the results must know; printed below the table.
+    convergence : float or None
+        The convergence time is when the RMSE of the position falls below this for good [m]; None: as `metrics` has it.
+    widest : int, optional
+        Most trials at once, where blocks need much memory of their own for each.
+    """
+
+    clock: Clock
+    duration: float
+    divergence: float
+    parts: Sequence[Part]
+    assume: Callable[[Bus, str, Any], Assumed]
+    truth_motion: MotionModel | None = None
+    frame: str = "earth_fixed"
+    truth_states: Sequence[str] | None = None
+    signals: Mapping[str, str] = field(default_factory=dict)
+    rows: Sequence[str] | None = None
+    note: str = ""
+    convergence: float | None = None
+    widest: int | None = None

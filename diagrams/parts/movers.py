@@ -1,0 +1,76 @@
+"""Parts that move: satellites that carry sensors, an emitter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagrams.assembly.bus import Bus
+from diagrams.formation import GreatCircle, Motion, RandomAcceleration
+from systems.clocks import Clock
+from systems.motion.constant_velocity import ConstantVelocity
+from systems.plants.emitter import GreatCircle as GreatCirclePlant
+from systems.plants.emitter import StraightLine as StraightLinePlant
+from systems.plants.model_plant import ModelPlant
+from systems.plants.orbit import DenseOrbit
+
+__all__ = ["Emitter", "Satellites", "true_motion"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Satellites:
+    """Platforms in orbit, Earth-fixed; publishes ``platforms``.
+
+    Attributes
+    ----------
+    make : callable
+        Returns their block, a new one for each diagram.
+    """
+
+    make: Callable[[], DenseOrbit]
+
+    def __call__(self, bus: Bus) -> None:
+        """See `diagrams.assembly.model.Part`."""
+        bus.add(self.make(), gives={"platforms": "state"})
+
+
+@dataclass(frozen=True)
+class Emitter:
+    """The emitter that is looked for; publishes ``target`` and ``truth``.
+
+    Attributes
+    ----------
+    motion : Motion
+        How it moves. One that accelerates at random starts at the place of `start`, with a velocity of its own in
+        every trial.
+    start : ndarray, shape (6,)
+        Earth-fixed, at t = 0.
+    clock : Clock
+        When a random acceleration changes.
+    """
+
+    motion: Motion
+    start: Array
+    clock: Clock
+
+    def __call__(self, bus: Bus) -> None:
+        """See `diagrams.assembly.model.Part`."""
+        bus.add(self._block(bus.trials), gives={"target": "state", "truth": "state"})
+
+    def _block(self, trials: int) -> ModelPlant | GreatCirclePlant | StraightLinePlant:
+        if isinstance(self.motion, RandomAcceleration):
+            mean = np.concatenate([self.start[:3], np.zeros(3)])
+            spread = np.diag([0.0] * 3 + [self.motion.sigma_velocity_mps**2] * 3)
+            return ModelPlant(true_motion(self.motion), self.clock, mean, spread, trials, name="emitter")
+        kind = GreatCirclePlant if isinstance(self.motion, GreatCircle) else StraightLinePlant
+        return kind(self.start, name="emitter")
+
+
+def true_motion(motion: Motion) -> ConstantVelocity:
+    """Return the motion model that an emitter really has."""
+    return ConstantVelocity(motion.acceleration_mps2 if isinstance(motion, RandomAcceleration) else 0.0)
