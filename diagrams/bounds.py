@@ -382,12 +382,9 @@ class StudyBounds:
     def _warn_without_prior(self, name: str, estimator: Estimator, start: Array | None) -> None:
         size = estimator.motion.size
         if name not in self._warned:
-            said = (
-                "its start does not say its covariance" if start is None else f"its start has {start.shape[-1]} states"
-            )
+            said = "does not say its covariance" if start is None else f"has {start.shape[-1]} states"
             warnings.warn(
-                f"estimators.{name}: no bound, {said} and the estimator {size}; covariance_at of its start must return "
-                f"{size} x {size}",
+                f"estimators.{name}: no bound, its start {said}; covariance_at must return {size} x {size}",
                 stacklevel=2,
             )
         self._warned.add(name)

@@ -316,7 +316,9 @@ def observe(
             groups.append(([name], block))
     if not groups:
         raise UserError(f"{system}: no estimator's state is the truth's, so that nothing can be said of it")
-    priors = [wired.start_covariance(name, truth[:, 0], platforms[:, 0])[0] for name in usable]
+    priors = [
+        prior[0] for b in usable.values() if (prior := b.bound_prior(truth[:, 0], platforms[:, 0])[0]) is not None
+    ]
     scale = prior_scale(next(iter(usable.values())).motion.names, priors)
     return [_one(members, block, wired, times, truth, platforms, present, scale) for members, block in groups]
 

@@ -100,7 +100,8 @@ def make_scene(name: str, particles: int, trials: int, duration: float) -> Scene
     prior = next(block for block in builder.GetSystems() if block.get_name() == "prior_position")
     ports = {"z": wired.measurement, "platforms": wired.platforms, "prior": prior.GetOutputPort("measurement")}
     signals = Run(builder, ports, duration)()
-    covariance = wired.start_covariance(name, np.zeros((1, 6)), signals["platforms"][0].reshape(1, 2, 6))
+    estimator = wired.estimators[name]
+    covariance, _ = estimator.bound_prior(np.zeros((1, 6)), signals["platforms"][0].reshape(1, 2, 6))
     platforms = signals["platforms"].reshape(-1, 2, 6)
     return Scene(signals["z"], platforms, signals["prior"][0], wired.estimators[name], covariance[0])
 

@@ -103,7 +103,7 @@ def record_pass(size: Size) -> RecordedPass:
     simulator.Initialize()
     simulator.AdvanceTo(wired.duration)
     times, signals = recorder.result(context)
-    assert wired.start_uses_measurement
+    assert iekf.start.uses_measurement
     measurement = signals["measurement"][:, :, [list(iekf.wiring.stream).index(row) for row in iekf.model.names]]
     measurement[0] = np.nan
     return RecordedPass(

@@ -109,7 +109,7 @@ def wire(builder, scenario, estimators, trials):
     for name in estimators:
         own = STATES[name]
         start = GivenStart(*belief(own))
-        if scenario.speechless:
+        if scenario.speechless and name == "biased":
             start.covariance_at = lambda *_: None
         wiring = Wiring(trials, Ranges.names, clock, STATIONS.shape[1])
         filters = IteratedExtendedKalman(1), Ranges(own), Drift(own, 0.5), start, wiring
@@ -117,10 +117,6 @@ def wire(builder, scenario, estimators, trials):
         builder.Connect(sensor.GetOutputPort("measurement"), block.GetInputPort("measurement"))
         builder.Connect(stations.GetOutputPort("state"), block.GetInputPort("platforms"))
         blocks[name] = block
-
-    def start_covariance(name, target, carriers):
-        """Of the truth's size, as a system has it that knows nothing of a user's larger state."""
-        return belief(TRUTH)[1] if name == "biased" else belief(STATES[name])[1]
 
     return Wired(
         truth=target.GetOutputPort("state"),
@@ -135,4 +131,4 @@ def wire(builder, scenario, estimators, trials):
     )
 
 
-SYSTEM = System("named_states", "states by name", Scenario, wire)
+SYSTEM = System("named_states", "states by name", Scenario, wired_by=wire)

@@ -132,7 +132,7 @@ def test_requirements_are_about_what_both_states_have(named):
 
 def test_a_start_that_cannot_be_known_is_said_and_the_rest_is_kept(named):
     scenario = Scenario(duration_s=2.0, speechless=True)
-    with pytest.warns(UserWarning, match=r"estimators\.biased: no bound, the system's start has 4 states and .* 5"):
+    with pytest.warns(UserWarning, match=r"estimators\.biased: no bound, its start does not say its .* 5 x 5"):
         found = run_study("named_states", scenario=scenario, trials=3, chunk=1)
     assert found["bound_position"].sel(estimator="biased").isnull().all()
     assert found["bound_position"].sel(estimator=["usual", "turned", "still"]).notnull().all()

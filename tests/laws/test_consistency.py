@@ -19,7 +19,7 @@ def bound(packaged, signals, name):
     block = packaged.wired.estimators[name]
     phi, q = block.motion.transition(truth[0], 1.0), block.motion.process_noise(truth[0], 1.0)
     weight = np.linalg.inv(block.model.noise_covariance())
-    covariance = packaged.wired.start_covariance(name, truth[0], carriers[0])
+    covariance = block.bound_prior(truth[0], carriers[0])[0]
     traces = [np.trace(covariance[:, :3, :3], axis1=1, axis2=2)]
     for k in range(1, len(truth)):
         covariance = phi @ covariance @ phi.T + q

@@ -511,7 +511,7 @@ class Run:
         truth = self.log["truth"].swapaxes(0, 1)
         carriers = self.log["platforms"].reshape(1, len(self.times), 3, 6)
         block = self.wired.estimators[name]
-        start = self.wired.start_covariance(name, truth[:, 0], carriers[:, 0])
+        start, _ = block.bound_prior(truth[:, 0], carriers[:, 0])
         p = posterior_bound(truth, carriers, self.times, block.model, block.motion, start, True)
         return np.sqrt(np.trace(p[..., :3, :3], axis1=-2, axis2=-1).mean(axis=0))
 
