@@ -31,7 +31,7 @@ CASES = {
     "crossing lines": Crossing(method="lines"),
     "crossing iv": Crossing(method="iv"),
     "ml": Ml(),
-    "ml window": Ml(window=20),
+    "ml window": Ml(window=30),
     "ml prior": Ml(prior=True),
 }
 
