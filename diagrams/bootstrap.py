@@ -7,6 +7,7 @@ resample is a row of how often each trial was drawn, and all resamples of all co
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-__all__ = ["Interval", "PairedBootstrap", "Replicates", "best_of", "interval", "log_ratio"]
+__all__ = ["Interval", "PairedBootstrap", "Replicates", "best_of", "certainly_positive", "interval", "log_ratio"]
 
 Array = NDArray[np.float64]
 
+_DOUBT = 4.0  # standard errors of the resampling: one seed in 30 000 is further off
 _ROWS, _NUMBERS = 1000, 2_000_000  # most resamples at once, and most numbers in them
 
 
@@ -142,22 +144,54 @@ def interval(found: Replicates, confidence: float = 0.95) -> Interval:
         raise ValueError(f"confidence: {confidence} is not allowed; between 0 and 1")
     value, resampled = found.value, found.resampled
     count = resampled.shape[0]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        below = ((resampled < value).sum(axis=0) + 0.5 * (resampled == value).sum(axis=0)) / count
-        shift = np.where(np.isfinite(value), ndtri(np.clip(below, 0.5 / count, 1 - 0.5 / count)), 0.0)
-        lever = found.left_out.mean(axis=0) - found.left_out
-        acceleration = (lever**3).sum(axis=0) / (6 * (lever**2).sum(axis=0) ** 1.5)
-    acceleration = np.where(np.isfinite(acceleration), acceleration, 0.0)  # all alike, or a lost trial
+    shift, acceleration = _correction(found)
     ordered = np.sort(np.where(np.isnan(resampled), np.inf, resampled), axis=0)
     ends = []
     for tail in ((1 - confidence) / 2, (1 + confidence) / 2):
-        z = shift + ndtri(tail)
-        level = ndtr(shift + z / (1 - acceleration * z))
+        level = ndtr(_corrected(shift, acceleration, tail))
         rank = np.floor((count + 1) * level) if tail < 0.5 else np.ceil((count + 1) * level)
         index = np.clip(rank.astype(int) - 1, 0, count - 1)
         ends.append(np.take_along_axis(ordered, np.asarray(index)[None], axis=0)[0])
     undefined = np.isnan(value)
     return Interval(value, np.where(undefined, -np.inf, ends[0]), np.where(undefined, np.inf, ends[1]))
+
+
+def _correction(found: Replicates) -> tuple[Array, Array]:
+    """Return bias correction and acceleration of each statistic."""
+    value, resampled = found.value, found.resampled
+    count = resampled.shape[0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        below = ((resampled < value).sum(axis=0) + 0.5 * (resampled == value).sum(axis=0)) / count
+        shift = np.where(np.isfinite(value), ndtri(np.clip(below, 0.5 / count, 1 - 0.5 / count)), 0.0)
+        lever = found.left_out.mean(axis=0) - found.left_out
+        acceleration = (lever**3).sum(axis=0) / (6 * (lever**2).sum(axis=0) ** 1.5)
+    return shift, np.where(np.isfinite(acceleration), acceleration, 0.0)  # all alike, or a lost trial
+
+
+def _corrected(shift: Array, acceleration: Array, tail: float) -> Array:
+    """Return the standard normal quantile of the resamples at which the limit of a tail lies."""
+    z = shift + ndtri(tail)
+    return np.asarray(shift + z / (1 - acceleration * z))
+
+
+def certainly_positive(found: Replicates, tail: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    r"""Return of each statistic whether its lower limit is above zero for certain, and whether that is undecided.
+
+    The lower limit of `interval` is above zero where fewer resamples lie at or below zero than the corrected tail
+    allows. The share of B resamples has the standard error :math:`\sqrt{p(1-p)/B}`; the bias correction has
+    :math:`\sqrt{\pi/2B}`, and moves the tail's normal quantile about twice as far. Within 4 of both another seed could
+    turn the answer: it is undecided, and not certain.
+    """
+    count = found.resampled.shape[0]
+    shift, acceleration = _correction(found)
+    wanted = _corrected(shift, acceleration, tail)
+    reach = _DOUBT * (1 + 1 / np.square(1 - acceleration * (shift + ndtri(tail)))) * math.sqrt(math.pi / (2 * count))
+    least, most = ndtr(wanted - reach), ndtr(wanted + reach)
+    share = (~(found.resampled > 0)).sum(axis=0) / count
+    above = share < least - _DOUBT * np.sqrt(least * (1 - least) / count)
+    below = share > most + _DOUBT * np.sqrt(most * (1 - most) / count)
+    defined = ~np.isnan(found.value)
+    return above & defined, ~(above | below) & defined
 
 
 def log_ratio(above: Replicates, below: Replicates) -> Replicates:
@@ -166,7 +200,9 @@ def log_ratio(above: Replicates, below: Replicates) -> Replicates:
         return Replicates(*(np.log(a) - np.log(b) for a, b in zip(above, below, strict=True)))
 
 
-def best_of(found: Replicates, confidence: float = 0.95) -> tuple[int, Interval, bool]:
+def best_of(
+    found: Replicates, confidence: float = 0.95, finer: Callable[[], Replicates] | None = None
+) -> tuple[int, Interval, bool]:
     r"""Return which of several statistics is the smallest, by what ratio the others exceed it, and whether that counts.
 
     Parameters
@@ -175,6 +211,8 @@ def best_of(found: Replicates, confidence: float = 0.95) -> tuple[int, Interval,
         Of K >= 1 positive statistics, shapes (K,), (resamples, K), (trials, K).
     confidence : float
         Of the whole statement.
+    finer : callable, optional
+        Returns the same statistics with more resamples; called where those of `found` do not decide.
 
     Returns
     -------
@@ -183,7 +221,8 @@ def best_of(found: Replicates, confidence: float = 0.95) -> tuple[int, Interval,
     ratios : Interval
         Of every statistic over the best, each (K,), at the level :math:`1-\alpha/(K-1)`.
     significant : bool
-        Whether every other one's interval lies above 1; false where there is no other.
+        Whether every other one's interval lies above 1 by more than the resampling's own error, see
+        `certainly_positive`; false where there is no other.
 
     Notes
     -----
@@ -196,6 +235,10 @@ def best_of(found: Replicates, confidence: float = 0.95) -> tuple[int, Interval,
     best = int(np.argmin(np.where(np.isnan(found.value), np.inf, found.value)))
     reference = Replicates(*(part[..., best, None] for part in found))
     level = 1 - (1 - confidence) / max(1, size - 1)
-    ratios = Interval(*(np.exp(part) for part in interval(log_ratio(found, reference), level)))
-    others = np.delete(ratios.low, best)
-    return best, ratios, bool(size > 1 and np.isfinite(found.value[best]) and np.all(others > 1))
+    ratio = log_ratio(found, reference)
+    above, undecided = certainly_positive(ratio, (1 - level) / 2)
+    others = np.arange(size) != best
+    if finer is not None and np.any(undecided[others]) and np.all((above | undecided)[others]):
+        return best_of(finer(), confidence)
+    ratios = Interval(*(np.exp(part) for part in interval(ratio, level)))
+    return best, ratios, bool(size > 1 and np.isfinite(found.value[best]) and np.all(above[others]))

@@ -10,7 +10,7 @@ import dataclasses
 import math
 import platform
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -56,6 +56,7 @@ STANDARD = ("ekf", "iekf", "ukf", "pf")
 _LIGHT: Mapping[str, Mapping[str, Any]] = {"pf": {"particles": 4000}, "pf_sir": {"particles": 4000}}
 """Options of those that cost a thousand times as much as a Kalman filter, where nobody asked for them by name."""
 
+_FINER = 16  # times as many resamples where they do not decide who is best
 _MOST = 200_000  # epochs times trials for which such a one is added unasked: some minutes
 _ALL, _DEFAULT = "all", "default"
 _EPOCHS = 500  # the mean over time and the curves are taken over at most about so many
@@ -316,12 +317,14 @@ def statistics(
     costs = study.costs
     rows: dict[str, dict[str, Any]] = {}
     replicates: list[Replicates] = []
+    squared: list[Array] = []
     for name in names:
         one = dataset.sel(estimator=[name])
         error = errors(one)["position"]
         squares = np.square(error.values[0])
         found = draws.apply(squares, lambda means: _two(means, epoch))
         replicates.append(found)
+        squared.append(squares)
         both = interval(found, confidence)
         row: dict[str, Any] = {"causal": name not in not_causal}
         row["rmse_position_m"], row["armse_position_m"] = (entry(both, i) for i in range(2))
@@ -334,6 +337,11 @@ def statistics(
         row["diverged"], row["diverged_rate"] = lost, {"low": float(tail.low), "high": float(tail.high)}
         row["cost_us"] = plain(costs[name])
         rows[name] = row
+
+    def finer() -> list[Replicates]:
+        more = dataclasses.replace(draws, resamples=_FINER * resamples)
+        return [more.apply(one, lambda means: _two(means, epoch)) for one in squared]
+
     return {
         "system": dataset.attrs["system"],
         "variant": dataset.attrs["variant"] or None,
@@ -352,7 +360,7 @@ def statistics(
         "lighter": {name: dict(options) for name, options in chosen.lighter.items()},
         "estimators": rows,
         "best": {
-            metric: _best([n for n in names if rows[n]["causal"]], names, replicates, column, confidence)
+            metric: _best(names, np.array([rows[n]["causal"] for n in names]), replicates, finer, column, confidence)
             for column, metric in enumerate(("rmse_position_m", "armse_position_m"))
         },
     }
@@ -368,16 +376,26 @@ def _two(means: Array, epoch: int) -> Array:
 
 
 def _best(
-    causal: Sequence[str], names: Sequence[str], replicates: Sequence[Replicates], column: int, confidence: float
+    names: Sequence[str],
+    is_causal: NDArray[np.bool_],
+    replicates: Sequence[Replicates],
+    finer: Callable[[], Sequence[Replicates]],
+    column: int,
+    confidence: float,
 ) -> dict[str, Any] | None:
     """Return who has the smallest of a metric; only who works with the past can be it."""
+    causal = [name for name, one in zip(names, is_causal, strict=True) if one]
     if not causal:
         return None
-    parts = [replicates[names.index(name)] for name in causal]
-    joined = Replicates(*(np.stack([part[..., column] for part in same], axis=-1) for same in zip(*parts, strict=True)))
-    best, ratios, significant = best_of(joined, confidence)
+
+    def joined(all_of: Sequence[Replicates]) -> Replicates:
+        parts = [one for one, chosen in zip(all_of, is_causal, strict=True) if chosen]
+        return Replicates(*(np.stack([p[..., column] for p in same], axis=-1) for same in zip(*parts, strict=True)))
+
+    found = joined(replicates)
+    best, ratios, significant = best_of(found, confidence, lambda: joined(finer()))
     ratio = {name: entry(ratios, i) for i, name in enumerate(causal) if i != best}
-    order = np.argsort(np.where(np.isnan(joined.value), np.inf, joined.value), kind="stable")
+    order = np.argsort(np.where(np.isnan(found.value), np.inf, found.value), kind="stable")
     runner_up = next((causal[i] for i in order if i != best), None)
     return {"name": causal[best], "significant": significant, "runner_up": runner_up, "ratio": ratio}
 
