@@ -11,33 +11,32 @@ clockwise from north in degrees where people read and write.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Union
+from typing import TYPE_CHECKING, Union, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from diagrams.assembly.bus import Bus
+from diagrams.assembly.model import Assumed, Model
 from diagrams.errors import UserError, choose
-from diagrams.sensor_errors import NO_CLOCKS, Place, Seat, SensorErrors, refuse, spoil
-from diagrams.system import System, Wired
-from systems.clocks import Periodic
+from diagrams.parts.impairment import Impaired, Mount, NavigationError
+from diagrams.parts.movers import ModelTarget, Platforms
+from diagrams.parts.sensing import TargetSensor
+from diagrams.sensor_errors import NO_CLOCKS, SensorErrors, refuse
+from diagrams.system import System
+from systems.clocks import Clock, Periodic
 from systems.documented import choice, documented, number
 from systems.estimators.azimuth_filter import AzimuthFilter, AzimuthFilterOptions
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Wiring
 from systems.estimators.bearing_start import BearingStart
-from systems.estimators.crossing import Crossing
 from systems.estimators.options import EstimatorOptions
 from systems.measurement.bearing import Bearing
 from systems.motion.base import MotionModel
 from systems.motion.constant_velocity import ConstantVelocity
-from systems.motion.gauss_markov import GaussMarkov
 from systems.motion.stationary import Stationary
 from systems.motion.waypoints import WaypointPath
-from systems.plants.model_plant import ModelPlant
 from systems.plants.path import Path
 from systems.registry import estimator_options
-from systems.sensors.navigation import Navigation
-from systems.sensors.sensor import Sensor
 
 __all__ = ["SYSTEM", "Scenario", "believed_sensor", "observer_path", "target_motion", "target_state"]
 
@@ -111,12 +110,6 @@ class Belief:
     )
     sigma_bearing_deg: float | None = number("standard deviation of a bearing [deg]", None, above=0)
     sigma_elevation_deg: float | None = number("standard deviation of an elevation [deg]", None, above=0)
-
-
-_NOTE = (
-    "Where lines of bearing cross at a small angle the error of their crossing has no variance: read the medians, here "
-    "and in summary.json, not the RMSE."
-)
 
 
 @dataclass
@@ -228,107 +221,55 @@ def _check_geometry(scenario: Scenario, path: Callable[[Array], Array], motion: 
         )
 
 
-# -------------------------------------------------------------------------------------------------- wiring
+# ------------------------------------------------------------------------------------------------ declared
 
 
-def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str], trials: int) -> Wired:
-    """Put observer, target, sensor, azimuth filters and estimators into a diagram; see `diagrams.system.System`."""
+def declare(scenario: Scenario) -> Model:
+    """Return observer, target, sensor, azimuth filters and what the estimators are given; see `diagrams.assembly`."""
     path, motion, axes = observer_path(scenario), target_motion(scenario), _axes(scenario)
     _check_geometry(scenario, path, motion)
-    clock = Periodic(scenario.period_s)
-    observer = builder.AddSystem(Path(path))
-    carrier = observer.GetOutputPort("state")
-
-    spread = scenario.truth.target_spread_km * _KM
-    truth_trials = trials if spread > 0 else 1
+    truth, belief, clock = scenario.truth, scenario.belief, Periodic(scenario.period_s)
+    _check_errors(scenario)
+    spread = truth.target_spread_km * _KM
     place = np.diag([spread**2] * axes + [0.0] * (motion.size - axes))
-    target = builder.AddSystem(ModelPlant(motion, clock, target_state(scenario), place, truth_trials, name="target"))
-    truth = target.GetOutputPort("state")
-
-    sensor = builder.AddSystem(
-        Sensor(_sensor_model(scenario, believed=False), clock, trials, 1, truth_trials, motion.size, name="sensor")
-    )
-    builder.Connect(truth, sensor.GetInputPort("target"))
-    builder.Connect(carrier, sensor.GetInputPort("platforms"))
-    measured = _spoilt(builder, scenario, sensor, clock, truth, carrier)
-    known, known_trials = _navigation(builder, scenario, carrier, clock, trials)
-
-    model = _sensor_model(scenario, believed=True)
-    belief = scenario.belief
+    real, model = (_sensor_model(scenario, believed) for believed in (False, True))
     start = BearingStart(
         model, model.names, motion.size, belief.range_km * _KM, belief.sigma_range_km * _KM, belief.sigma_speed_mps
     )
-    wiring = Wiring(trials, model.names, clock, platforms=1, platform_trials=known_trials)
-    filters: dict[str, AzimuthFilter] = {}
-    blocks: dict[str, Estimator] = {}
-    for name in estimators:
-        options = scenario.estimators[name]
-        _check_rows(name, options, model)
-        source = options.bearings if isinstance(options, Crossing) else "raw"
-        if source == "raw":
-            block = builder.AddSystem(options.make(name, model, motion, start, wiring))
-            builder.Connect(measured, block.GetInputPort("measurement"))
-        else:
-            filtered = _filter(builder, scenario, name, source, model, wiring, filters, measured, known)
-            chained = Wiring(trials, filtered.motion.names, clock, 1, known_trials, noise_port=True)
-            if axes == 3:
-                raise UserError(f"estimators.{name}.bearings: {source} is not allowed where elevation is measured; raw")
-            block = builder.AddSystem(options.make(name, model, motion, start, chained))
-            builder.Connect(filtered.GetOutputPort("bearing"), block.GetInputPort("measurement"))
-            builder.Connect(filtered.GetOutputPort("bearing_covariance"), block.GetInputPort("noise_covariance"))
-        builder.Connect(known, block.GetInputPort("platforms"))
-        blocks[name] = block
 
-    return Wired(
-        truth=truth,
-        platforms=carrier,
-        measurement=measured,
-        estimators=blocks,
+    def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
+        _check_rows(name, options, model)
+        source = getattr(options, "bearings", "raw")
+        if source == "raw":
+            return Assumed(model, motion, start, model.names)
+        filtered = _azimuth_filter(scenario, bus, name, source, clock)
+        takes = {"measurement": f"{source}.bearing", "noise_covariance": f"{source}.bearing_covariance"}
+        return Assumed(model, motion, start, filtered.motion.names, takes)
+
+    return Model(
         clock=clock,
         duration=scenario.duration_s,
         divergence=scenario.divergence_m,
+        parts=[
+            Platforms(lambda: Path(path)),
+            ModelTarget(motion, clock, target_state(scenario), place, shared=spread == 0),
+            TargetSensor("sensor", real, clock, gives=["measured"]),
+            Impaired(real, clock, truth.errors, mounts=[Mount(real.names)], axes=axes),
+            NavigationError(truth.sigma_navigation_m, truth.navigation_time_s, clock, axes),
+        ],
+        assume=assume,
         truth_motion=motion,
-        signals={name: block.GetOutputPort("estimate") for name, block in filters.items()},
+        signals={name: f"{name}.estimate" for name in scenario.azimuth_filters},
         frame="local",
-        stream=list(model.names),
-        note=_NOTE if any(isinstance(scenario.estimators[name], Crossing) for name in estimators) else "",
+        rows=model.names,
     )
 
 
-def _spoilt(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    sensor: Sensor,
-    clock: Periodic,
-    target: OutputPort,
-    carrier: OutputPort,
-) -> OutputPort:
-    """Return the sensor's output with the errors that nobody knows of."""
-    errors, axes = scenario.truth.errors, _axes(scenario)
+def _check_errors(scenario: Scenario) -> None:
     refused = {**NO_CLOCKS, "platform": "truth.sigma_navigation_m says how well the observer is known"}
-    if axes == 2:
+    if _axes(scenario) == 2:
         refused |= dict.fromkeys(("attitude_roll", "attitude_pitch"), "bearings in the plane turn about z only")
-    refuse(errors, "truth.errors", refused)
-    measured = sensor.GetOutputPort("measurement")
-    seats = [Seat(sensor.model.names)]
-    return spoil(builder, errors, Place(sensor.model, clock, measured, target, carrier, sensor.trials, 1, axes, seats))
-
-
-def _navigation(
-    builder: DiagramBuilder, scenario: Scenario, carrier: OutputPort, clock: Periodic, trials: int
-) -> tuple[OutputPort, int]:
-    """Return what the estimators know of the observer, and its trials."""
-    truth = scenario.truth
-    if truth.sigma_navigation_m == 0:
-        return carrier, 1
-    axes = _axes(scenario)
-    fading = GaussMarkov(truth.sigma_navigation_m, truth.navigation_time_s, axes)
-    variance = truth.sigma_navigation_m**2 * np.eye(axes)
-    error = builder.AddSystem(ModelPlant(fading, clock, np.zeros(axes), variance, trials, name="navigation_error"))
-    navigation = builder.AddSystem(Navigation(trials, axes))
-    builder.Connect(carrier, navigation.GetInputPort("platforms"))
-    builder.Connect(error.GetOutputPort("state"), navigation.GetInputPort("error"))
-    return navigation.GetOutputPort("platforms"), trials
+    refuse(scenario.truth.errors, "truth.errors", refused)
 
 
 def _check_rows(name: str, options: EstimatorOptions, model: Bearing) -> None:
@@ -339,32 +280,25 @@ def _check_rows(name: str, options: EstimatorOptions, model: Bearing) -> None:
         )
 
 
-def _filter(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    estimator: str,
-    name: str,
-    model: Bearing,
-    wiring: Wiring,
-    filters: dict[str, AzimuthFilter],
-    measured: OutputPort,
-    known: OutputPort,
-) -> AzimuthFilter:
+def _azimuth_filter(scenario: Scenario, bus: Bus, estimator: str, name: str, clock: Clock) -> AzimuthFilter:
     """Return the azimuth filter of that name; one block serves all locators that use it."""
-    if name not in filters:
-        choose(f"estimators.{estimator}.bearings", name, ["raw", *scenario.azimuth_filters])
-        if name in scenario.estimators:
-            raise UserError(f"azimuth_filters.{name}: there is an estimator of that name; another is needed")
-        block = builder.AddSystem(scenario.azimuth_filters[name].make(name, model.sigma, wiring))
-        builder.Connect(measured, block.GetInputPort("measurement"))
-        builder.Connect(known, block.GetInputPort("platforms"))
-        filters[name] = block
-    return filters[name]
+    signal = f"{name}.bearing"
+    if signal in bus:
+        return cast(AzimuthFilter, bus[signal].get_system())
+    choose(f"estimators.{estimator}.bearings", name, ["raw", *scenario.azimuth_filters])
+    if name in scenario.estimators:
+        raise UserError(f"azimuth_filters.{name}: there is an estimator of that name; another is needed")
+    if _axes(scenario) == 3:
+        raise UserError(f"estimators.{estimator}.bearings: {name} is not allowed where elevation is measured; raw")
+    model = believed_sensor(scenario)
+    wiring = Wiring(bus.trials, model.names, clock, 1, bus.shape("known")[0])
+    block = scenario.azimuth_filters[name].make(name, model.sigma, wiring)
+    return bus.add(block, takes={"platforms": "known"})
 
 
 SYSTEM = System(
     name="bearing_crossing",
     title="one aircraft, bearings only: azimuth filtered in pieces, crossing of lines, direct filters",
     scenario=Scenario,
-    wired_by=wire,
+    declare=declare,
 )

@@ -29,7 +29,7 @@ from diagrams.formation import (
 )
 from diagrams.ground import beside_track, track_axes
 from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
-from diagrams.parts.movers import Emitter, Satellites, true_motion
+from diagrams.parts.movers import Emitter, Platforms, true_motion
 from diagrams.parts.resolving import PhaseResolution
 from diagrams.parts.sensing import TargetSensor
 from diagrams.sensor_errors import SensorErrors
@@ -278,7 +278,7 @@ def declare(scenario: Scenario) -> Model:
         duration=scenario.duration_s,
         divergence=scenario.divergence_m,
         parts=[
-            Satellites(lambda: satellite_orbit(scenario)),
+            Platforms(lambda: satellite_orbit(scenario)),
             Emitter(truth.motion, start_state, clock),
             TargetSensor("sensor", stack, clock, mask, gives=["measured"]),
             TargetSensor("assumed_height", Altitude(sigma_height, "assumed_height"), clock),

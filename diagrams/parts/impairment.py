@@ -13,11 +13,14 @@ from diagrams.errors import UserError
 from diagrams.sensor_errors import SensorErrors
 from systems.clocks import Clock
 from systems.measurement.base import MeasurementModel
+from systems.motion.gauss_markov import GaussMarkov
+from systems.plants.model_plant import ModelPlant
 from systems.sensors.attitude_error import AttitudeError
+from systems.sensors.navigation import Navigation
 from systems.sensors.platform_error import PlatformError
 from systems.sensors.reading_error import ReadingError
 
-__all__ = ["Impaired", "KnownPlatforms", "Mount"]
+__all__ = ["Impaired", "KnownPlatforms", "Mount", "NavigationError"]
 
 Array = NDArray[np.float64]
 
@@ -154,3 +157,35 @@ class KnownPlatforms:
         own, numbers = bus.shape("platforms")
         block = PlatformError(bus.trials, numbers // 6, self.sigma_position, self.sigma_velocity, own, self.name)
         bus.add(block, gives={"known": "platforms"})
+
+
+@dataclass(frozen=True)
+class NavigationError:
+    """A platform's own position as it knows it, off by a Gauss-Markov process; publishes ``known``.
+
+    Attributes
+    ----------
+    sigma : float
+        Per axis [m]; 0: the true one.
+    time : float
+        Correlation time [s].
+    clock : Clock
+        When the error is drawn.
+    axes : int
+        Space dimensions.
+    """
+
+    sigma: float
+    time: float
+    clock: Clock
+    axes: int = 3
+
+    def __call__(self, bus: Bus) -> None:
+        """See `diagrams.assembly.model.Part`."""
+        if self.sigma == 0:
+            bus.publish(known=bus["platforms"])
+            return
+        fading = GaussMarkov(self.sigma, self.time, self.axes)
+        variance = self.sigma**2 * np.eye(self.axes)
+        bus.add(ModelPlant(fading, self.clock, np.zeros(self.axes), variance, bus.trials, name="navigation_error"))
+        bus.add(Navigation(bus.trials, self.axes), {"known": "platforms"}, {"error": "navigation_error.state"})

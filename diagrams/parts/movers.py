@@ -1,4 +1,4 @@
-"""Parts that move: satellites that carry sensors, an emitter."""
+"""Parts that move: what carries sensors, and what is looked for."""
 
 from __future__ import annotations
 
@@ -11,32 +11,67 @@ from numpy.typing import NDArray
 from diagrams.assembly.bus import Bus
 from diagrams.formation import GreatCircle, Motion, RandomAcceleration
 from systems.clocks import Clock
+from systems.motion.base import MotionModel
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.plants.emitter import GreatCircle as GreatCirclePlant
 from systems.plants.emitter import StraightLine as StraightLinePlant
 from systems.plants.model_plant import ModelPlant
-from systems.plants.orbit import DenseOrbit
+from systems.signals import EnsembleBlock
 
-__all__ = ["Emitter", "Satellites", "true_motion"]
+__all__ = ["Emitter", "ModelTarget", "Platforms", "true_motion"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Satellites:
-    """Platforms in orbit, Earth-fixed; publishes ``platforms``.
+class Platforms:
+    """What carries the sensors; publishes ``platforms``.
 
     Attributes
     ----------
     make : callable
         Returns their block, a new one for each diagram.
+    port : str
+        Its output with six numbers for each platform.
     """
 
-    make: Callable[[], DenseOrbit]
+    make: Callable[[], EnsembleBlock]
+    port: str = "state"
 
     def __call__(self, bus: Bus) -> None:
         """See `diagrams.assembly.model.Part`."""
-        bus.add(self.make(), gives={"platforms": "state"})
+        bus.add(self.make(), gives={"platforms": self.port})
+
+
+@dataclass(frozen=True)
+class ModelTarget:
+    """A target that moves as a motion model has it; publishes ``target`` and ``truth``.
+
+    Attributes
+    ----------
+    motion : MotionModel
+    clock : Clock
+        When its process noise is drawn.
+    mean, covariance : ndarray, shapes (n,) and (n, n)
+        Of its state at the start.
+    shared : bool
+        Whether all trials have the same one.
+    name : str
+        Of the block; part of the key of its noise.
+    """
+
+    motion: MotionModel
+    clock: Clock
+    mean: Array
+    covariance: Array
+    shared: bool = False
+    name: str = "target"
+
+    def __call__(self, bus: Bus) -> None:
+        """See `diagrams.assembly.model.Part`."""
+        trials = 1 if self.shared else bus.trials
+        plant = ModelPlant(self.motion, self.clock, self.mean, self.covariance, trials, name=self.name)
+        bus.add(plant, gives={"target": "state", "truth": "state"})
 
 
 @dataclass(frozen=True)
