@@ -9,14 +9,14 @@ axes).
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 import math
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Union, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from diagrams.assembly.bus import Bus
+from diagrams.assembly.model import Assumed, Model
 from diagrams.errors import UserError
 from diagrams.launch import (
     Constants,
@@ -30,11 +30,11 @@ from diagrams.launch import (
     station_positions,
     vehicle_block,
 )
-from diagrams.sensor_errors import NO_CLOCKS, Place, SensorErrors, known_platforms, refuse, spoil
-from diagrams.system import System, Wired
+from diagrams.parts.impairment import Impaired, KnownPlatforms
+from diagrams.sensor_errors import NO_CLOCKS, SensorErrors, refuse
+from diagrams.system import System
 from systems.clocks import Periodic
 from systems.documented import choice, count, documented, number
-from systems.estimators.base import Wiring
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.start import PortStart
 from systems.measurement.geometry import line_of_sight
@@ -43,14 +43,14 @@ from systems.measurement.visibility import SphericalMask
 from systems.motion.current_statistical import CurrentStatistical, MeanAcceleration
 from systems.motion.known_flight import KnownFlight
 from systems.motion.random_walk import RandomWalk as RandomWalkMotion
-from systems.plants.joined import join
+from systems.plants.joined import Joined
 from systems.plants.mode_schedule import ModeSchedule
 from systems.plants.model_plant import ModelPlant
 from systems.plants.oscillator import BiasLaw, OscillatorBias
 from systems.registry import estimator_options
 from systems.sensors.beacon import BeaconStations
 from systems.sensors.offset_prior import OffsetPrior
-from systems.signals import Constant
+from systems.signals import Constant, EnsembleBlock
 
 __all__ = [
     "SYSTEM",
@@ -229,17 +229,14 @@ def _warn_unobservable(positions: Array, plant: Any, scenario: Scenario) -> None
     )
 
 
-# ------------------------------------------------------------------------------------------------------- wiring
+# ----------------------------------------------------------------------------------------------------- declared
 
 
-def _add_bias(builder: DiagramBuilder, scenario: Scenario, clock: Periodic, trials: int) -> OutputPort:
+def _oscillator(scenario: Scenario, clock: Periodic, trials: int) -> EnsembleBlock:
     bias = scenario.bias
     if isinstance(bias, RandomWalkBias):
         walk = RandomWalkMotion([bias.density_m2ps3], ["bias"], ["m/s"])
-        spread = [[bias.sigma_bias_mps**2]]
-        return builder.AddSystem(
-            ModelPlant(walk, clock, [bias.bias_mps], spread, trials, name="oscillator")
-        ).GetOutputPort("state")
+        return ModelPlant(walk, clock, [bias.bias_mps], [[bias.sigma_bias_mps**2]], trials, name="oscillator")
     if isinstance(bias, ConstantBias):
         law = BiasLaw(bias.bias_mps)
     elif isinstance(bias, LinearBias):
@@ -247,7 +244,7 @@ def _add_bias(builder: DiagramBuilder, scenario: Scenario, clock: Periodic, tria
     else:
         per: Any = bias.eps_per
         law = BiasLaw(bias.level_mps, bias.exponent, bias.rate_mps2, bias.sigma_eps_mps, per)
-    return builder.AddSystem(OscillatorBias(law, clock, trials)).GetOutputPort("state")
+    return OscillatorBias(law, clock, trials)
 
 
 def _mode_block(scenario: Scenario, stations: int) -> ModeSchedule:
@@ -313,96 +310,94 @@ def _start_covariance(belief: Belief, biased: bool) -> Array:
     return np.diag(np.square([*sigmas, belief.sigma_bias_mps] if biased else sigmas))
 
 
-def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str], trials: int) -> Wired:
-    """Put rocket, oscillator, stations, prior and estimators into a diagram; see `diagrams.system.System`."""
-    if scenario.stop_s < scenario.start_s + scenario.period_s:
-        raise UserError(f"stop_s: {scenario.stop_s:g} is not allowed; it must be after start_s {scenario.start_s:g}")
-    belief = scenario.belief
-    clock = Periodic(scenario.period_s, scenario.start_s)
-    positions = station_positions(scenario)
-    count_ = len(positions)
-    vehicle = builder.AddSystem(vehicle_block(scenario))
-    _warn_unobservable(positions, vehicle, scenario)
-    site = builder.AddSystem(Constant("sites", np.concatenate([positions, np.zeros_like(positions)], axis=1).ravel()))
-    platforms = site.GetOutputPort("state")
-    bias = _add_bias(builder, scenario, clock, trials)
-    mode = builder.AddSystem(_mode_block(scenario, count_))
+@dataclass(frozen=True)
+class _Flight:
+    """Rocket, oscillator and stations: publishes ``target``, ``platforms``, ``measured`` and ``truth``.
 
-    stations = builder.AddSystem(
-        BeaconStations(
-            RangeRate(scenario.sensor.sigma_mps, range(count_)),
-            clock,
-            trials,
+    The truth is the rocket's state and acceleration, and the bias that all stations share.
+    """
+
+    scenario: Scenario
+    clock: Periodic
+    positions: Array
+    sensor: RangeRate
+
+    def __call__(self, bus: Bus) -> None:
+        """See `diagrams.assembly.model.Part`."""
+        scenario, count_ = self.scenario, len(self.positions)
+        vehicle = bus.add(vehicle_block(scenario), gives={"target": "state"})
+        bus.publish(stage=vehicle.GetOutputPort("stage"), acceleration=vehicle.GetOutputPort("acceleration"))
+        still = np.concatenate([self.positions, np.zeros_like(self.positions)], axis=1)
+        bus.add(Constant("sites", still.ravel()), gives={"platforms": "state"})
+        bus.add(_oscillator(scenario, self.clock, bus.trials), gives={"bias": "state"})
+        bus.add(_mode_block(scenario, count_), gives={"mode": "mode"})
+        stations = BeaconStations(
+            self.sensor,
+            self.clock,
+            bus.trials,
             count_,
-            target_trials=vehicle.output_size("state")[0],
-            bias_trials=bias.get_system().output_size("state")[0],
+            target_trials=bus.shape("target")[0],
+            bias_trials=bus.shape("bias")[0],
             uplink=scenario.mode.uplink_station,
             sigma_residual=scenario.sensor.sigma_station_residual_mps,
             mask=sensor_mask(scenario),
         )
-    )
-    builder.Connect(vehicle.GetOutputPort("state"), stations.GetInputPort("target"))
-    builder.Connect(platforms, stations.GetInputPort("platforms"))
-    builder.Connect(bias, stations.GetInputPort("bias"))
-    builder.Connect(mode.GetOutputPort("mode"), stations.GetInputPort("mode"))
-    errors, raw = scenario.sensor.errors, stations.GetOutputPort("measurement")
-    refuse(errors, "sensor.errors", {**NO_CLOCKS, "attitude": "range rates know no directions"})
-    target = vehicle.GetOutputPort("state")
-    measured = spoil(builder, errors, Place(stations.model, clock, raw, target, platforms, trials, count_))
-    known, known_trials = known_platforms(builder, errors, platforms, trials, count_)
-    truth = join(
-        builder,
-        {
-            "state": vehicle.GetOutputPort("state"),
-            "acceleration": vehicle.GetOutputPort("acceleration"),
-            "common": stations.GetOutputPort("common"),
-        },
-    )
-    initial = scenario.initial
-    prior = builder.AddSystem(
-        OffsetPrior(
-            [initial.position_m] * 3 + [initial.velocity_mps] * 3 + [0.0] * 4,
-            [True] * 9 + [False],
-            (10, 9),
-            scenario.start_s,
-            trials,
-            truth_trials=truth.output_size("state")[0],
-            random_signs=initial.random_signs,
-        )
-    )
-    builder.Connect(truth.GetOutputPort("state"), prior.GetInputPort("truth"))
+        bus.add(stations, gives={"measured": "measurement", "common": "common"})
+        parts = ("target", "acceleration", "common")
+        bus.add(Joined({signal: bus.shape(signal) for signal in parts}), gives={"truth": "state"})
 
-    limits = _limits(scenario, vehicle)
-    sigma = _believed_sigma(scenario)
-    wiring = Wiring(
-        trials, RangeRate(sigma, range(count_)).names, clock, platforms=count_, platform_trials=known_trials
-    )
-    blocks = {}
-    for name in estimators:
-        options = scenario.estimators[name]
+
+@dataclass(frozen=True)
+class _Prior:
+    """Publishes ``initial_estimate_10`` and ``initial_estimate_9``, off by what the scenario says."""
+
+    scenario: Scenario
+
+    def __call__(self, bus: Bus) -> None:
+        """See `diagrams.assembly.model.Part`."""
+        initial, trials = self.scenario.initial, bus.shape("truth")[0]
+        offsets = [initial.position_m] * 3 + [initial.velocity_mps] * 3 + [0.0] * 4
+        signs, sizes = [True] * 9 + [False], (10, 9)
+        prior = OffsetPrior(
+            offsets, signs, sizes, self.scenario.start_s, bus.trials, trials, random_signs=initial.random_signs
+        )
+        bus.add(prior, gives={f"initial_estimate_{size}": f"initial_estimate_{size}" for size in sizes})
+
+
+def declare(scenario: Scenario) -> Model:
+    """Return rocket, oscillator, stations, prior and what the estimators are given; see `diagrams.assembly`."""
+    if scenario.stop_s < scenario.start_s + scenario.period_s:
+        raise UserError(f"stop_s: {scenario.stop_s:g} is not allowed; it must be after start_s {scenario.start_s:g}")
+    clock, positions = Periodic(scenario.period_s, scenario.start_s), station_positions(scenario)
+    vehicle, errors = vehicle_block(scenario), scenario.sensor.errors
+    _warn_unobservable(positions, vehicle, scenario)
+    refuse(errors, "sensor.errors", {**NO_CLOCKS, "attitude": "range rates know no directions"})
+    limits, stations = _limits(scenario, vehicle), range(len(positions))
+    real, sigma = RangeRate(scenario.sensor.sigma_mps, stations), _believed_sigma(scenario)
+
+    def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
         if options.measurements not in ([], ["range_rate"]):
             raise UserError(f"estimators.{name}.measurements: {options.measurements} is not allowed; range_rate")
         biased = getattr(options, "estimates_bias", True)
         motion = _believed_motion(scenario, limits, biased)
-        model = RangeRate(sigma, range(count_), 9 if biased else None)
-        start = PortStart(_start_covariance(belief, biased))
-        block = builder.AddSystem(options.make(name, model, motion, start, wiring))
-        builder.Connect(measured, block.GetInputPort("measurement"))
-        builder.Connect(known, block.GetInputPort("platforms"))
-        builder.Connect(prior.GetOutputPort(f"initial_estimate_{motion.size}"), block.GetInputPort("initial_estimate"))
-        blocks[name] = block
+        model = RangeRate(sigma, stations, 9 if biased else None)
+        start = PortStart(_start_covariance(scenario.belief, biased))
+        return Assumed(model, motion, start, real.names, {"initial_estimate": f"initial_estimate_{motion.size}"})
 
-    return Wired(
-        truth=truth.GetOutputPort("state"),
-        platforms=platforms,
-        measurement=measured,
-        estimators=blocks,
+    return Model(
         clock=clock,
         duration=scenario.stop_s,
         divergence=scenario.divergence_m,
+        parts=[
+            _Flight(scenario, clock, positions, real),
+            Impaired(real, clock, errors),
+            KnownPlatforms(errors.sigma_platform_position_m, errors.sigma_platform_velocity_mps),
+            _Prior(scenario),
+        ],
+        assume=assume,
         truth_motion=_truth_motion(scenario),
         truth_states=KnownFlight([0.0]).names,
-        signals={"mode": mode.GetOutputPort("mode"), "stage": vehicle.GetOutputPort("stage")},
+        signals={"mode": "mode", "stage": "stage"},
         frame="launch",
     )
 
@@ -411,5 +406,5 @@ SYSTEM = System(
     name="beacon_rocket",
     title="three-stage rocket, range rates at many stations, the beacon's drift as one shared bias",
     scenario=Scenario,
-    wired_by=wire,
+    declare=declare,
 )
