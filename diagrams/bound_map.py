@@ -16,9 +16,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.bounds import bound_squares, bound_steps
+from diagrams.bounds import bound_squares
 from diagrams.errors import UserError
 from diagrams.metrics import QUANTITIES
+from diagrams.posterior_bound import bound_steps
 from diagrams.progress import Progress
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from diagrams.bearings_file import read_bearings
-from diagrams.bounds import posterior_bound
 from diagrams.catalogue import load_scenario
 from diagrams.errors import UserError
 from diagrams.metrics import errors, summarise
+from diagrams.posterior_bound import posterior_bound
 from diagrams.replay import replay
 from diagrams.study import Study, run_study
 from systems.measurement.bearing import Bearing

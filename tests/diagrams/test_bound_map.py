@@ -5,7 +5,6 @@ import pytest
 
 from diagrams import bound_map
 from diagrams.bound_map import MAPS, last_bound, map_bounds, map_of
-from diagrams.bounds import posterior_bound
 from diagrams.catalogue import load_scenario, systems
 from diagrams.errors import UserError
 from diagrams.figures.gdop import draw_gdop
@@ -14,6 +13,7 @@ from diagrams.gdop_bearings import bearing_map
 from diagrams.gdop_orbits import orbit_map
 from diagrams.gdop_rocket import rocket_map
 from diagrams.launch import vehicle_block
+from diagrams.posterior_bound import posterior_bound
 from diagrams.study import run_study
 from tests.diagrams.test_command_line import in_process
 from tests.fitting import check_fits

@@ -6,8 +6,9 @@ import xarray as xr
 from pydrake.systems.framework import DiagramBuilder
 
 from diagrams import bounds
-from diagrams.bounds import StudyBounds, add_bounds, bound_curves, posterior_bound
+from diagrams.bounds import StudyBounds, add_bounds, bound_curves
 from diagrams.catalogue import load_scenario, system
+from diagrams.posterior_bound import posterior_bound
 from diagrams.three_satellite import satellite_states, target_state
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.whitening import Whitener

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from diagrams.bounds import bound_squares, posterior_bound
+from diagrams.bounds import bound_squares
 from diagrams.catalogue import load_scenario
+from diagrams.posterior_bound import posterior_bound
 from diagrams.three_satellite import models, satellite_orbit, target_state
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.unscented import UnscentedKalman

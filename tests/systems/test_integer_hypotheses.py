@@ -6,8 +6,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.stats import multivariate_normal
 
-from diagrams.bounds import posterior_bound
 from diagrams.catalogue import load_scenario, select_estimators, system
+from diagrams.posterior_bound import posterior_bound
 from diagrams.three_satellite import models
 from systems.clocks import Periodic
 from systems.estimators.base import Epoch, Wiring

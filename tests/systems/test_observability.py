@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagrams.bounds import posterior_bound
+from diagrams.posterior_bound import posterior_bound
 from systems.measurement.bearing import Bearing
 from systems.measurement.range_rate import RangeRate
 from systems.measurement.tdoa import Tdoa
