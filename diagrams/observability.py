@@ -16,21 +16,20 @@ from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.bounds import alike, rows_present
 from diagrams.catalogue import split_name
+from diagrams.directions import direction_axes, named_components
 from diagrams.errors import UserError
-from diagrams.states import POSITION, shared
+from diagrams.states import POSITION, VELOCITY, shared, translated
 from diagrams.study import Study
 from diagrams.system import Wired
 from systems.estimators.base import Estimator
-from systems.frames import up
 from systems.observability import Spectrum, information_roots, spectrum
 from systems.recorder import record
 from systems.signals import Draw, set_draw
 
 __all__ = [
     "Observability",
-    "direction_axes",
     "observe",
-    "prior_scale",
+    "prior_root",
     "report",
     "share_words",
     "write_observability",
@@ -38,17 +37,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-_KINDS = {"x": "position", "y": "position", "z": "position"}
-_KINDS |= {"v" + axis: "velocity" for axis in "xyz"} | {"a" + axis: "acceleration" for axis in "xyz"}
-_LABELS = {
-    "position up": "height",
-    "velocity up": "vertical velocity",
-    "position in range": "range",
-    "velocity in range": "range rate",
-    "position in cross-range": "cross-range",
-}
-_AT_REST = 1e-6  # m/s; slower has no course
 _SMALL = 0.05  # shares below it are not worth a word
+_UNTOLD = 0.99  # share of a prior variance that is left, from which on the measurements tell nothing of it
 _IN_SIGHT = 0.9  # cosine squared from which a direction counts as the line of sight
 
 
@@ -66,21 +56,22 @@ class Observability:
         Epochs of the window [s].
     components : list of str
         Directions that the state is told in: up, along the course ..., and what is no vector by its name.
-    scale : ndarray, shape (n,)
-        What each is counted in: the prior's largest standard deviation in that block of the state, SI units.
+    root : ndarray, shape (n, n)
+        Square root of the prior's covariance P0, rows in `components`, SI units.
     units : list of str
         Their units.
     spectrum : Spectrum
-        Over the epochs, directions in `components`.
+        Over the epochs: the generalised eigenvalues of the information against the inverse of P0, as standard
+        deviations in terms of the prior's.
     sight : ndarray, shape (n,)
-        The line of sight from the first carrier at the first epoch, in the position's components, else 0.
+        The line of sight from the first carrier at the first epoch, in the position's components, else NaN.
     """
 
     estimators: list[str]
     rows: list[str]
     times: Array
     components: list[str]
-    scale: Array
+    root: Array
     units: list[str]
     spectrum: Spectrum
     sight: Array
@@ -91,21 +82,40 @@ class Observability:
         whole = self.spectrum.known == len(self.components)
         return float(self.times[np.argmax(whole)] - self.times[0]) if whole[-1] else math.nan
 
+    @property
+    def prior_sigma(self) -> Array:
+        """Standard deviation of each component in the prior, shape (n,), SI units."""
+        return np.asarray(np.linalg.norm(self.root, axis=-1))
+
+    @property
+    def weakest_shares(self) -> Array:
+        """What the direction that is known worst is made of, each component in its prior sigma, shape (time, n)."""
+        shares = self.spectrum.shares(self.root)[:, -1]
+        return np.asarray(shares / shares.sum(axis=-1, keepdims=True))
+
     def weakest(self, epoch: int = -1) -> dict[str, float]:
         """Return the share of each component in the direction that is known worst, largest first."""
-        return _sorted(self.components, self.spectrum.directions[epoch, -1] ** 2)
+        return _sorted(self.components, self.weakest_shares[epoch])
 
     def unknown(self, epoch: int = -1) -> dict[str, float]:
-        """Return the share of each component that the measurements do not know better than the prior, largest first."""
-        return _sorted(self.components, self.spectrum.unknown()[epoch])
+        """Return the share of each component that the measurements do not know better than the prior, largest first.
+
+        Of its variance in the prior: the part in such directions.
+        """
+        return _sorted(self.components, self.spectrum.unknown(self.root)[epoch])
+
+    def remaining(self, epoch: int = -1) -> dict[str, float]:
+        """Return posterior over prior variance of each component, largest first: near 1 nothing is told of it."""
+        return _sorted(self.components, self.spectrum.remaining(self.root)[epoch])
 
     def weakest_words(self, epoch: int = -1) -> str:
         """Return the worst direction in words."""
         words = share_words(self.weakest(epoch))
-        place = self.spectrum.directions[epoch, -1] * (self.sight != 0)
+        place = np.where(np.isnan(self.sight), 0.0, self.root @ self.spectrum.directions[epoch, -1])
         length = float(place @ place)
-        if "range" not in self.components and length > _SMALL:
-            along = float(place @ self.sight) ** 2 / length
+        widest = float(np.square(self.prior_sigma[~np.isnan(self.sight)]).sum())
+        if "range" not in self.components and length > _SMALL * widest:
+            along = float(place @ np.nan_to_num(self.sight)) ** 2 / length
             if along > _IN_SIGHT:
                 words += f" (position: along the line of sight, {100 * along:.0f} %)"
         return words
@@ -120,14 +130,16 @@ class Observability:
             worst = "" if held.size == 0 else f"; last to be known: {self.weakest_words(int(held[-1]))}"
             when = f"{self.observable_from:g} s after the first epoch"
             return f"observable: all {n} directions are known better than the prior from {when} on{worst}"
+        untold = [name for name, left in self.remaining().items() if left > _UNTOLD]
+        nothing = f"; they tell nothing of {', '.join(untold)}" if untold else ""
         if rank < n:
             return (
                 f"unobservable within {span}: rank {rank} of {n}; {n - known} directions no better known than the "
-                f"prior: {share_words(self.unknown())}"
+                f"prior: {share_words(self.unknown())}{nothing}"
             )
         return (
             f"weakly observable within {span}: rank {n}, but {n - known} of {n} directions no better known than "
-            f"the prior: {share_words(self.unknown())}"
+            f"the prior: {share_words(self.unknown())}{nothing}"
         )
 
     def summary(self) -> dict[str, Any]:
@@ -137,14 +149,15 @@ class Observability:
             "estimators": self.estimators,
             "rows": self.rows,
             "components": self.components,
-            "scale": [float(value) for value in self.scale],
+            "prior_sigma": _plain(self.prior_sigma),
             "units": self.units,
             "rank": s.rank.tolist(),
             "known": s.known.tolist(),
             "condition": _plain(s.condition),
             "sigma": [_plain(row) for row in s.sigma],
-            "weakest": [_plain(row) for row in s.directions[:, -1] ** 2],
-            "unknown": [_plain(row) for row in s.unknown()],
+            "weakest": [_plain(row) for row in self.weakest_shares],
+            "unknown": [_plain(row) for row in s.unknown(self.root)],
+            "variance_left": [_plain(row) for row in s.remaining(self.root)],
             "observable_from_s": _plain([self.observable_from])[0],
             "verdict": self.verdict(),
         }
@@ -163,75 +176,8 @@ def share_words(shares: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items() if share >= _SMALL)
 
 
-# ------------------------------------------------------------------------------------------------ directions
-
-
-def direction_axes(state: Array, carrier: Array, frame: str, axes: int = 3) -> tuple[list[str], Array]:
-    """Return the directions that positions and velocities are told in.
-
-    Parameters
-    ----------
-    state : ndarray, shape (n,)
-        Of the target: position, and velocity if it has one.
-    carrier : ndarray, shape (6,)
-        Of the first carrier.
-    frame : {'earth_fixed', 'local', 'inertial', 'launch'}
-        See `Wired`.
-    axes : int
-        Number of space dimensions.
-
-    Returns
-    -------
-    names : list of str
-        ``up``, ``along the course``, ``across the course`` (north and east of a target at rest) on the Earth; ``in
-        range``, ``in cross-range``, ``in elevation`` from the carrier in local axes; ``in range``, ``along the track``,
-        ``across the track`` in inertial ones; ``down-range``, ``up at the site``, ``across`` at a launch.
-    rotation : ndarray, shape (axes, axes)
-        Their unit vectors as rows.
-    """
-    place = state[:axes]
-    velocity = state[axes : 2 * axes] if state.size >= 2 * axes else np.zeros(axes)
-    if frame == "launch":
-        return ["down-range", "up at the site", "across"], np.eye(3)
-    if frame == "earth_fixed":
-        normal = up(place)
-        level = velocity - normal * (normal @ velocity)
-        moving = np.linalg.norm(level) > _AT_REST
-        ahead = level if moving else np.array([0.0, 0.0, 1.0]) - normal * normal[2]
-        ahead /= np.linalg.norm(ahead)
-        names = ["along the course", "across the course"] if moving else ["to the north", "to the east"]
-        return ["up", *names], np.stack([normal, ahead, np.cross(ahead, normal)])
-    sight = place - carrier[:axes]
-    sight = sight / np.linalg.norm(sight)
-    if axes == 2:
-        return ["in range", "in cross-range"], np.stack([sight, [-sight[1], sight[0]]])
-    if frame == "local":
-        side = np.cross([0.0, 0.0, 1.0], sight)
-        side = side / np.linalg.norm(side)
-        return ["in range", "in cross-range", "in elevation"], np.stack([sight, side, np.cross(sight, side)])
-    ahead = velocity - sight * (sight @ velocity)
-    ahead /= np.linalg.norm(ahead)
-    return ["in range", "along the track", "across the track"], np.stack([sight, ahead, np.cross(sight, ahead)])
-
-
-def _components(names: Sequence[str], words: Sequence[str], rotation: Array) -> tuple[list[str], Array]:
-    """Return what the state's components are called after turning, and the turning (n, n): rows are components."""
-    labels, turned = list(names), np.eye(len(names))
-    for kind in dict.fromkeys(_KINDS.values()):
-        block = [i for i, name in enumerate(names) if _KINDS.get(name) == kind]
-        if len(block) != len(words):
-            continue
-        turned[np.ix_(block, block)] = rotation
-        for i, word in zip(block, words, strict=True):
-            labels[i] = _LABELS.get(f"{kind} {word}", f"{kind} {word}")
-    return labels, turned
-
-
-def prior_scale(names: Sequence[str], covariances: Sequence[Array]) -> Array:
-    """Return what each component is counted in: the largest standard deviation of its block, of the narrowest prior.
-
-    Position, velocity and acceleration are blocks, so that the axes they are written in do not matter; every other
-    component is one by itself.
+def prior_root(names: Sequence[str], covariances: Sequence[Array]) -> Array:
+    """Return the square root (n, n) of the prior that says most: of the covariance with the smallest determinant.
 
     Parameters
     ----------
@@ -239,13 +185,23 @@ def prior_scale(names: Sequence[str], covariances: Sequence[Array]) -> Array:
         Components of the state.
     covariances : sequence of ndarray, shape (n, n)
         Priors; an estimator that starts without one has a huge covariance, and another's then counts.
+
+    Raises
+    ------
+    UserError
+        If a prior knows a component, or a combination of them, exactly: nothing can be compared with that.
     """
-    scale = np.empty(len(names))
-    for name in dict.fromkeys(_KINDS.get(name, name) for name in names):
-        block = [i for i, other in enumerate(names) if _KINDS.get(other, other) == name]
-        widest = [np.linalg.eigvalsh(p[np.ix_(block, block)])[-1] for p in covariances]
-        scale[block] = math.sqrt(min(widest))
-    return scale
+    roots = []
+    for covariance in covariances:
+        sigma = np.sqrt(np.diagonal(covariance))
+        exact = [name for name, value in zip(names, sigma, strict=True) if not (math.isfinite(value) and value > 0)]
+        if exact:
+            raise UserError(f"start: sigma of {exact[0]} is {sigma[list(names).index(exact[0])]:g}; finite and > 0")
+        try:
+            roots.append(sigma[:, None] * np.linalg.cholesky(covariance / np.outer(sigma, sigma)))
+        except np.linalg.LinAlgError as error:
+            raise UserError(f"start: its covariance of {', '.join(names)} is singular; it must not be") from error
+    return min(roots, key=lambda root: float(np.log(np.diagonal(root)).sum()))
 
 
 # -------------------------------------------------------------------------------------------------- of a run
@@ -274,6 +230,9 @@ def observe(
 ) -> list[Observability]:
     """Return what the measurements of a run say of the state at its start, and when.
 
+    Compared with the narrowest covariance P0 that an estimator of the same state starts from, at the truth. A start
+    that is made from the first measurement knows that one already; it counts among the measurements all the same.
+
     Parameters
     ----------
     system : str
@@ -293,18 +252,23 @@ def observe(
     Raises
     ------
     UserError
-        For a window outside the run, an unknown estimator, or one whose state is not the truth's.
+        For a window outside the run, an unknown estimator, or one whose start nobody can say.
     """
     study, chosen = _studied(system, estimators, variant=variant, scenario=scenario, set=set, seed=seed)
     wired = study.wire(1)[0]
     ticks = wired.clock.ticks(wired.duration)
     times = _window(ticks, window)
     truth, platforms, present = _course(study, wired, times)
-    size = truth.shape[-1]
-    usable = {name: block for name, block in wired.estimators.items() if block.motion.size == size}
+    states = {name: translated(truth, wired.truth_names, block.motion) for name, block in wired.estimators.items()}
+    priors: dict[str, Array] = {}
+    for name, block in wired.estimators.items():
+        known = block.bound_prior(states[name][:, 0], platforms[:, 0])[0]
+        if known is not None and known.shape[-1] == block.motion.size:
+            priors[name] = known if known.ndim == 2 else known[0]
+    usable = {name: wired.estimators[name] for name in priors}
     lacking = [name for name in chosen if name not in usable]
     if estimators and lacking:
-        raise UserError(f"estimator: {lacking[0]} has a state of its own, not the truth's; one of {', '.join(usable)}")
+        raise UserError(f"estimator: {lacking[0]} has a start that nobody can say; one of {', '.join(usable)}")
     groups: list[tuple[list[str], Estimator]] = []
     for name in (name for name in chosen if name in usable):
         block = usable[name]
@@ -315,12 +279,14 @@ def observe(
         else:
             groups.append(([name], block))
     if not groups:
-        raise UserError(f"{system}: no estimator's state is the truth's, so that nothing can be said of it")
-    priors = [
-        prior[0] for b in usable.values() if (prior := b.bound_prior(truth[:, 0], platforms[:, 0])[0]) is not None
-    ]
-    scale = prior_scale(next(iter(usable.values())).motion.names, priors)
-    return [_one(members, block, wired, times, truth, platforms, present, scale) for members, block in groups]
+        raise UserError(f"{system}: of no estimator's start can be said what it knows, so that nothing is compared")
+
+    found = []
+    for members, block in groups:
+        like = [priors[name] for name, other in usable.items() if other.motion.names == block.motion.names]
+        prior = prior_root(block.motion.names, like)
+        found.append(_one(members, block, wired, times, states[members[0]], platforms, present, prior))
+    return found
 
 
 def _window(ticks: Array, window: float | None) -> Array:
@@ -358,20 +324,22 @@ def _one(
     truth: Array,
     platforms: Array,
     present: NDArray[np.bool_],
-    scale: Array,
+    prior: Array,
 ) -> Observability:
     model, motion = block.bound_model, block.motion
     seen = rows_present(wired, block, present)
-    roots = information_roots(truth, platforms, times, model, motion, scale, seen)[0]
-    axes = len(shared(POSITION, motion.names))
-    words, rotation = direction_axes(truth[0, 0], platforms[0, 0, 0], wired.frame, axes)
-    labels, turned = _components(motion.names, words, rotation)
-    sight = np.zeros(motion.size)
-    away = truth[0, 0, :axes] - platforms[0, 0, 0, :axes]
-    sight[:axes] = rotation @ (away / np.linalg.norm(away))
-    # scales are alike within a block, so turning and scaling commute
-    found = spectrum(roots @ turned.T)
-    return Observability(names, list(model.names), times, labels, scale, list(motion.units), found, sight)
+    roots = information_roots(truth, platforms, times, model, motion, prior, seen)[0]
+    placed = [motion.names.index(name) for name in shared(POSITION, motion.names)]
+    moving = [motion.names.index(name) for name in shared(VELOCITY, motion.names)]
+    place, carrier = truth[0, 0, placed], platforms[0, 0, 0]
+    velocity = truth[0, 0, moving] if len(moving) == len(placed) else np.zeros(len(placed))
+    words, rotation = direction_axes(place, velocity, carrier, wired.frame)
+    labels, turned = named_components(motion.names, words, rotation)
+    sight = np.full(motion.size, np.nan)
+    away = place - carrier[: len(placed)]
+    sight[placed] = rotation @ (away / max(float(np.linalg.norm(away)), np.finfo(float).tiny))
+    found = spectrum(roots)
+    return Observability(names, list(model.names), times, labels, turned @ prior, list(motion.units), found, sight)
 
 
 def report(found: Sequence[Observability], title: str) -> None:
@@ -383,8 +351,11 @@ def report(found: Sequence[Observability], title: str) -> None:
         s = one.spectrum
         table = Table(
             f"{title}: {', '.join(one.estimators)}",
-            ["time [s]", "rank", "better than prior", "condition", Column("worst direction"), "its sigma"],
-            caption=f"rows {', '.join(one.rows)}; counted in {_counted(one)} (the prior's largest sigma)",
+            [
+                *("time [s]", "rank", "better than prior", "condition"),
+                *(Column("worst direction"), "its sigma", "variance left"),
+            ],
+            caption=f"rows {', '.join(one.rows)}; the prior's sigmas: {_counted(one)}",
         )
         for k in _telling(s):
             worst = s.sigma[k, -1]
@@ -395,14 +366,15 @@ def report(found: Sequence[Observability], title: str) -> None:
                 f"{s.condition[k]:.2g}" if np.isfinite(s.condition[k]) else "infinite",
                 one.weakest_words(k),
                 f"{worst:.3g} x prior" if np.isfinite(worst) else "infinite",
+                f"{s.left[k, -1]:.3g}",
             )
         print_table(table)
         say(f"{', '.join(one.estimators)}: {one.verdict()}")
 
 
 def _counted(one: Observability) -> str:
-    pairs = dict.fromkeys(f"{value:.3g} {unit}" for value, unit in zip(one.scale, one.units, strict=True))
-    return ", ".join(pairs)
+    parts = zip(one.components, one.prior_sigma, one.units, strict=True)
+    return ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in parts)
 
 
 def _telling(s: Spectrum, most: int = 9) -> Iterator[int]:

@@ -56,7 +56,7 @@ def draw_observability(one: Observability, title: str) -> Figure:
     above.set_ylabel("sigma from measurements / prior")
     grid(above)
     above.legend(loc="lower left", fontsize=11)
-    shares = one.spectrum.directions[:, -1] ** 2
+    shares = one.weakest_shares
     order = [i for i in np.argsort(-shares.max(axis=0)) if shares[:, i].max() > 0.05][:8]
     rest = 1 - shares[:, order].sum(axis=-1)
     if elapsed.size > 1:

@@ -1,0 +1,79 @@
+"""Stations on a plane and an emitter at rest near it, ranged ten times: the height enters by its square."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from diagrams.system import System, Wired
+from systems.clocks import Periodic
+from systems.estimators.base import Wiring
+from systems.estimators.kalman import KalmanEstimator
+from systems.estimators.start import GivenStart
+from systems.filters.iterated_extended import IteratedExtendedKalman
+from systems.measurement.base import MeasurementModel
+from systems.motion.stationary import Stationary
+from systems.plants.model_plant import ModelPlant
+from systems.sensors.sensor import Sensor
+from systems.signals import Constant
+
+POSITION = (3e3, 4e3)
+STATIONS = np.array([[[0.0, 0, 0, 0, 0, 0], [9e3, -1e3, 0, 0, 0, 0], [2e3, 9e3, 0, 0, 0, 0]]])
+
+
+class Ranges3(MeasurementModel):
+    """Distances in space."""
+
+    names = tuple(f"range_{i}" for i in range(STATIONS.shape[1]))
+    units = ("m",) * len(names)
+
+    def predict(self, target, platforms):
+        return np.linalg.norm(target[..., None, :3] - platforms[..., :3], axis=-1)
+
+    def jacobian(self, target, platforms):
+        offset = target[..., None, :3] - platforms[..., :3]
+        return offset / np.linalg.norm(offset, axis=-1, keepdims=True)
+
+    def noise_covariance(self):
+        return 10.0**2 * np.eye(self.size)
+
+
+@dataclass
+class Scenario:
+    height_m: float = 20.0
+    prior: Any = None
+    duration_s: float = 10.0
+    period_s: float = 1.0
+    estimators: dict[str, str] = field(default_factory=lambda: {"iekf": "iekf"})
+
+
+def wire(builder, scenario, estimators, trials):
+    clock, motion, model = Periodic(scenario.period_s), Stationary(3), Ranges3()
+    prior = np.diag([1e3**2, 1e3**2, 30.0**2]) if scenario.prior is None else scenario.prior
+    mean = np.array([*POSITION, scenario.height_m])
+    target = builder.AddSystem(ModelPlant(motion, clock, mean, np.zeros((3, 3)), 1))
+    stations = builder.AddSystem(Constant("stations", STATIONS.reshape(1, -1)))
+    sensor = builder.AddSystem(Sensor(model, clock, trials, STATIONS.shape[1], 1, 3))
+    builder.Connect(target.GetOutputPort("state"), sensor.GetInputPort("target"))
+    builder.Connect(stations.GetOutputPort("state"), sensor.GetInputPort("platforms"))
+    blocks = {}
+    for name in estimators:
+        wiring = Wiring(trials, model.names, clock, STATIONS.shape[1])
+        block = KalmanEstimator(name, IteratedExtendedKalman(), model, motion, GivenStart(mean, prior), wiring)
+        blocks[name] = builder.AddSystem(block)
+        builder.Connect(sensor.GetOutputPort("measurement"), block.GetInputPort("measurement"))
+        builder.Connect(stations.GetOutputPort("state"), block.GetInputPort("platforms"))
+    return Wired(
+        truth=target.GetOutputPort("state"),
+        platforms=stations.GetOutputPort("state"),
+        measurement=sensor.GetOutputPort("measurement"),
+        estimators=blocks,
+        clock=clock,
+        duration=scenario.duration_s,
+        divergence=1e4,
+        truth_motion=motion,
+        frame="local",
+    )
+
+
+SYSTEM = System("flat_plane", "ranges along the ground", Scenario, wired_by=wire)
