@@ -8,6 +8,8 @@ import pytest
 from diagrams.bounds import bound_squares
 from diagrams.catalogue import SYSTEMS
 from diagrams.errors import UserError
+from diagrams.figures.consistency import draw_consistency
+from diagrams.figures.ground import draw_ground
 from diagrams.metrics import axis_errors, errors, nees_statistics, rmse, summarise
 from diagrams.states import CarriedMotion, block, columns, translated
 from diagrams.study import Study, run_study
@@ -121,6 +123,19 @@ def test_nees_is_over_what_both_states_have(data):
     usual = statistics.sel(estimator="usual")
     inside = (usual["mean"] > usual["lower"]) & (usual["mean"] < usual["upper"])
     assert inside.mean() > 0.7 and float(usual["upper"][0]) == pytest.approx(4.93, abs=0.01)
+
+
+def test_figures_of_different_states(data):
+    axes = draw_consistency(data, "nees").axes[0]
+    assert axes.get_ylabel() == "mean NEES over trials / components judged (consistent: 1)"
+    drawn = {line.get_label(): line.get_ydata() for line in axes.get_lines()}
+    for name, freedom in zip(STATES, (4, 4, 4, 2), strict=True):
+        mean = data["nees"].sel(estimator=name).mean("trial")
+        np.testing.assert_allclose(drawn[name], mean / freedom, rtol=1e-12)
+    right = draw_ground(data).axes[1]
+    dots = next(line for line in right.get_lines() if line.get_label() == "turned").get_xydata()
+    offset = errors(data)["position"].sel(estimator="turned").isel(time=-1).values
+    np.testing.assert_allclose(1e3 * np.linalg.norm(dots, axis=-1), offset, rtol=1e-9)
 
 
 def test_requirements_are_about_what_both_states_have(named):
