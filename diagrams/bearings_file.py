@@ -48,6 +48,14 @@ class Bearings:
     sigma: Array
     origin: tuple[float, float] | None = None
 
+    def spread(self, sigma: float) -> Array:
+        """Return standard deviations (k,) [rad], `sigma` where the file does not say."""
+        return np.where(np.isfinite(self.sigma), self.sigma, sigma)
+
+    def take(self, rows: NDArray[np.intp]) -> Bearings:
+        """Return some of the bearings."""
+        return Bearings(self.time[rows], self.place[rows], self.azimuth[rows], self.sigma[rows], self.origin)
+
     def degrees(self, position: Array) -> tuple[Array, Array]:
         """Return latitude and longitude [deg] of positions (..., 2)."""
         assert self.origin is not None

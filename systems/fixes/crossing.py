@@ -284,7 +284,8 @@ def instrumental_variable(
             scaled = weight / np.sqrt(square)
         if gap is not None:
             weight, scaled = np.where(gap, 0.0, weight), np.where(gap, 0.0, scaled)
-        gx, gy = -dy * scaled, dx * scaled
+        with np.errstate(invalid="ignore"):  # an estimate on a platform: no direction, and no solution at this epoch
+            gx, gy = -dy * scaled, dx * scaled
         m00, m01, m10, m11 = -_dot(gx, sine), _dot(gx, cosine), -_dot(gy, sine), _dot(gy, cosine)
         b0, b1 = _dot(gx, distance_of_line), _dot(gy, distance_of_line)
         # G^T W G: the unit normals are g over their weight.

@@ -12,6 +12,7 @@ maximises the likelihood whatever the concentration. The covariance is the inver
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,12 +22,14 @@ from scipy.special import ive
 
 from systems.measurement.phase import wrap
 
-__all__ = ["DirectionFix", "concentration", "robust_fix", "von_mises_fix"]
+__all__ = ["DirectionFix", "concentration", "robust_fix", "sample", "von_mises_fix", "weighted_fix"]
 
 Array = NDArray[np.float64]
 
 _ITERATIONS = 200
 _STARTS = 200  # crossings that are tried; of more, evenly spread ones
+_MOST = 1000  # bearings among which starts are compared; of more, a sample
+_BEST = 3  # of the starts go on with all bearings
 _ANDREWS = 1.5  # bearings whose residual exceeds pi times so many standard deviations have no weight
 
 
@@ -112,9 +115,18 @@ def _starts(place: Array, azimuth: Array) -> Array:
     return np.concatenate([crossings, place.mean(axis=0)[None] + 1e-3 * np.ptp(place, axis=0).max()])
 
 
-def _fix(place: Array, azimuth: Array, weights: Array, starts: Array) -> DirectionFix:
+def _highest(place: Array, azimuth: Array, weights: Array, starts: Array) -> Array:
+    """Return the highest maximum that is reached from the starts."""
+    if len(azimuth) > _MOST and len(starts) > 1:
+        some = sample(len(azimuth), _MOST)
+        tried = sorted((_ascend(place[some], azimuth[some], weights[some], x) for x in starts), key=lambda p: -p[1])
+        starts = np.array([x for x, _ in tried[:_BEST]])
     tried = [_ascend(place, azimuth, weights, start) for start in starts]
-    position = max(tried, key=lambda pair: pair[1])[0]
+    return max(tried, key=lambda pair: pair[1])[0]
+
+
+def _fix(place: Array, azimuth: Array, weights: Array, starts: Array) -> DirectionFix:
+    position = _highest(place, azimuth, weights, starts)
     offset = position - place
     residuals = wrap(azimuth - np.arctan2(offset[:, 1], offset[:, 0]))
     kappa = concentration(float(weights @ np.cos(residuals) / weights.sum()))
@@ -145,6 +157,44 @@ def von_mises_fix(place: Array, azimuth: Array) -> DirectionFix:
     return _fix(place, azimuth, np.ones(len(azimuth)), _starts(place, azimuth))
 
 
+def weighted_fix(place: Array, azimuth: Array, kappa: Array, near: Sequence[Array] = ()) -> Array:
+    """Return the maximum-likelihood position (2,) where the concentration of each bearing is known.
+
+    Parameters
+    ----------
+    place, azimuth
+        See `von_mises_fix`.
+    kappa : ndarray, shape (k,)
+    near : sequence of ndarray, shape (2,)
+        Places from which the search begins, besides the best of the crossings.
+    """
+    starts = _starts(place, azimuth)
+    some = sample(len(azimuth), _MOST)
+    offset = starts[:, None] - place[some]
+    value = np.cos(azimuth[some] - np.arctan2(offset[..., 1], offset[..., 0])) @ kappa[some]
+    also = np.reshape([x for x in near if np.isfinite(x).all()], (-1, 2))
+    return _highest(place, azimuth, kappa / kappa.max(), np.concatenate([starts[np.argsort(-value)[:_BEST]], also]))
+
+
+def sample(count: int, most: int) -> NDArray[np.intp]:
+    """Return so many of `count` rows, in order: one of each of `most` equal stretches, drawn at random.
+
+    At random, because rows of several observers in turn beat with a fixed step; always the same, for repetition.
+    """
+    if count <= most:
+        return np.arange(count)
+    edges = np.linspace(0, count, most + 1)
+    where = np.random.default_rng(0).random(most)
+    return np.minimum((edges[:-1] + where * np.diff(edges)).astype(np.intp), count - 1)
+
+
+def _least_median(place: Array, azimuth: Array, starts: Array) -> Array:
+    some = sample(len(azimuth), _MOST)
+    offset = starts[:, None] - place[some]
+    size = np.abs(wrap(azimuth[some] - np.arctan2(offset[..., 1], offset[..., 0])))
+    return starts[np.argmin(np.median(size, axis=-1))]
+
+
 def robust_fix(place: Array, azimuth: Array, iterations: int = 50) -> DirectionFix:
     r"""Return a fix that a few wild bearings do not move: Andrews' M-estimator, as Lenth has it.
 
@@ -169,7 +219,7 @@ def robust_fix(place: Array, azimuth: Array, iterations: int = 50) -> DirectionF
         offset = x - place
         return np.abs(wrap(azimuth - np.arctan2(offset[:, 1], offset[:, 0])))
 
-    best = starts[np.argmin([np.median(sizes(start)) for start in starts])]
+    best = _least_median(place, azimuth, starts)
     weights = np.ones(count)
     # Of a normal distribution, and enlarged for few bearings (Rousseeuw and Leroy, Robust Regression, 1987, ch. 5).
     scale = 1.4826 * (1 + 5 / max(count - 2, 1))
