@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Selection", "Settings"]
 
-_THREE = Allowed(lambda v: len(v) == 3 and min(v) > 0, "three numbers > 0")
+_POSITIVE = Allowed(lambda v: v > 0, "three numbers > 0")  # of each item
 
 
 @dataclass
@@ -47,15 +47,23 @@ class Settings:
         "standard deviation of a range rate for bias only, with drift, with drift rate: what the elements and that "
         "oscillator leave of it",
         factory=lambda: [200.0, 15.0, 10.0],
-        allowed=_THREE,
+        allowed=_POSITIVE,
     )
     freedom: float = number("degrees of freedom of its t distribution", 4.0, above=0)
     sigma_altitude_m: float = number("of the known altitude of the station", 100.0, above=0)
     sigmas: list[float] = documented(
         "standard deviation at the start of a pass of bias [m/s], drift [m/s^2], drift rate [m/s^3]",
         factory=lambda: [2000.0, 3.0, 0.01],
-        allowed=_THREE,
+        allowed=_POSITIVE,
     )
     offset_km: float = number("how far off the start is", 200.0, above=0, at_most=5000.0)
     offset_course_deg: float = number("and where to", 45.0)
     pause_s: float = number("after such a pause it is another pass", 1200.0, above=0)
+
+    def refused(self) -> str:
+        """Return what is wrong with lists as a whole; empty if nothing is."""
+        for name in ("sigma_mps", "sigmas"):
+            given = getattr(self, name)
+            if len(given) != 3:
+                return f"{name}: {given} is not allowed; {_POSITIVE.words}"
+        return ""

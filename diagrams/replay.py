@@ -77,7 +77,8 @@ class Dataset:
     holds : str
         A file (a pattern) by which a folder of any name is known to hold such a recording.
     settings : type, optional
-        A dataclass whose fields ``--set`` changes; `run` then gets one of it as a third argument.
+        A dataclass whose fields ``--set`` changes; `run` then gets one of it as a third argument. A method ``refused``,
+        if it has one, says what is wrong with it as a whole.
     """
 
     name: str
@@ -233,7 +234,11 @@ def _settings(dataset: Dataset, settings: Sequence[str]) -> list[Any]:
     data: dict[str, Any] = {}
     for setting in settings:
         data = apply_setting(data, setting)
-    return [load(dataset.settings, [data])]
+    found = load(dataset.settings, [data])
+    refused = found.refused() if hasattr(found, "refused") else ""
+    if refused:
+        raise UserError(refused)
+    return [found]
 
 
 def _write(result: Replay, out: Path, dataset: str, seconds: float) -> None:
