@@ -7,26 +7,30 @@ Progress in Natural Science (in Chinese), received 2008. The frame is inertial t
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Union
+from typing import TYPE_CHECKING, Union
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from diagrams.assembly.bus import Bus
+from diagrams.assembly.model import Assumed, Model
 from diagrams.errors import UserError
-from diagrams.sensor_errors import NO_CLOCKS, Place, Seat, SensorErrors, refuse, spoil
-from diagrams.system import System, Wired
+from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
+from diagrams.parts.movers import Platforms
+from diagrams.parts.sensing import TargetSensor
+from diagrams.sensor_errors import NO_CLOCKS, SensorErrors, refuse
+from diagrams.system import System
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
-from systems.estimators.base import Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.options import EstimatorOptions
-from systems.estimators.range_decomposed import RangeDecomposed
+from systems.estimators.range_decomposed import PREVIEW
 from systems.estimators.start import PortStart
 from systems.fixes.orbit_plane import plane_normal
-from systems.measurement.base import MeasurementModel
 from systems.measurement.ranged_position import RangedPosition
 from systems.measurement.relative_kinematics import ROWS, RelativeKinematics, rows_of
 from systems.measurement.visibility import EarthOccultation
@@ -41,7 +45,6 @@ from systems.sensors.platform_error import PlatformError
 from systems.sensors.preview import Preview
 from systems.sensors.prior import PriorEstimate
 from systems.sensors.ranging import Ranging
-from systems.sensors.sensor import Sensor
 
 __all__ = ["SYSTEM", "Scenario", "believed_sensor", "initial_states", "prior_covariance", "true_sensor"]
 
@@ -322,141 +325,106 @@ def _check_planes(observer: Array, target: Array) -> None:
         )
 
 
-# -------------------------------------------------------------------------------------------------- wiring
+# ------------------------------------------------------------------------------------------------ declared
 
 
-def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str], trials: int) -> Wired:
-    """Put truth, sensor, prior and estimators into a diagram; see `diagrams.system.System`."""
-    constants, truth = gravity(scenario), scenario.truth
-    clock = Periodic(scenario.period_s)
+@dataclass(frozen=True)
+class _Target:
+    """The satellite that is heard: publishes ``target`` and ``truth``."""
+
+    scenario: Scenario
+    state: Array
+
+    def __call__(self, bus: Bus) -> None:
+        """See `diagrams.assembly.model.Part`."""
+        scenario = self.scenario
+        if isinstance(scenario.target, Sp3):
+            recorded = RecordedTruth(*recorded_orbit(scenario), name="target")
+            bus.add(recorded, gives={"target": "state", "truth": "state"})
+            return
+        bus.add(_orbit(scenario, self.state, "target"), gives={"target": "inertial", "truth": "inertial"})
+
+
+def _orbit(scenario: Scenario, state: Array, name: str) -> DenseOrbit:
+    constants = gravity(scenario)
+    return DenseOrbit(state[None], scenario.duration_s, constants=constants, j2=scenario.truth.j2, name=name)
+
+
+def _preview(scenario: Scenario, clock: Periodic, bus: Bus, block: Estimator) -> str:
+    """Add what the sensor will read, for an estimator that looks ahead; return its signal."""
+    name, epochs = block.get_name(), block.GetInputPort("preview").size() // (bus.trials * PREVIEW)
+    if scenario.truth.errors != SensorErrors():
+        raise UserError(
+            f"estimators.{name}: {name} is not allowed with truth.errors; it is given what the sensor will read"
+        )
+    span = clock.period * (epochs - 1)
+    if scenario.duration_s < span:
+        raise UserError(
+            f"duration_s: {scenario.duration_s:g} is not allowed; {name} looks ahead, at least {span:g} s are needed"
+        )
+    sensor, observer, target = (bus[f"{signal}"].get_system() for signal in ("measured", "platforms", "target"))
+    if isinstance(scenario.target, Sp3):
+        times, states = recorded_orbit(scenario)
+
+        def target_at(t: float) -> Array:
+            return hermite(times, states, t)[0][None]
+    else:
+        target_at = target.at
+    known = bus["known"].get_system()
+    error = known if isinstance(known, PlatformError) else None
+    bus.add(Preview(sensor, target_at, observer.at, clock, epochs, error, f"preview_{name}"))
+    return f"preview_{name}.preview"
+
+
+def declare(scenario: Scenario) -> Model:
+    """Return both satellites, sensor, prior and what the estimators are given; see `diagrams.assembly`."""
+    truth, clock, constants = scenario.truth, Periodic(scenario.period_s), gravity(scenario)
     listener, emitter = initial_states(scenario)
     _check_planes(listener, emitter)
-    sensor_model = true_sensor(scenario)
-    observer = builder.AddSystem(
-        DenseOrbit(listener[None], scenario.duration_s, constants=constants, j2=sensor_model.j2, name="observer")
-    )
-    target, target_at = _add_target(builder, scenario, emitter, constants)
+    known = "truth.sigma_observer_m and truth.sigma_observer_mps say how well the observer is known"
+    refuse(truth.errors, "truth.errors", {**NO_CLOCKS, "platform": known})
+    real, full, covariance = true_sensor(scenario), believed_sensor(scenario), prior_covariance(scenario)
     mask = EarthOccultation(constants.radius + truth.grazing_height_km * _KM) if truth.occultation else None
-    sensor = builder.AddSystem(Sensor(sensor_model, clock, trials, 1, mask=mask, name="sensor"))
-    exact = observer.GetOutputPort("inertial")
-    builder.Connect(target, sensor.GetInputPort("target"))
-    builder.Connect(exact, sensor.GetInputPort("platforms"))
-    measured = _spoilt(builder, scenario, sensor, clock, target, exact)
 
-    platforms, platform_trials, error = exact, 1, None
-    if truth.sigma_observer_m > 0 or truth.sigma_observer_mps > 0:
-        error = builder.AddSystem(
-            PlatformError(trials, 1, truth.sigma_observer_m, truth.sigma_observer_mps, name="observer_error")
-        )
-        builder.Connect(exact, error.GetInputPort("platforms"))
-        platforms, platform_trials = error.GetOutputPort("platforms"), trials
+    def ranging(bus: Bus, name: str = "ranging", feedback: dict[str, str] | None = None) -> None:
+        block = Ranging(full, bus.trials, 1, bus.shape("known")[0], feedback is not None, name=name)
+        bus.add(block, takes={"platforms": "known"}, feedback=feedback)
 
-    covariance = prior_covariance(scenario)
-    prior = builder.AddSystem(PriorEstimate(covariance, trials))
-    builder.Connect(target, prior.GetInputPort("target"))
-    full = believed_sensor(scenario)
-    ranging = builder.AddSystem(Ranging(full, trials, platform_trials=platform_trials))
-    builder.Connect(measured, ranging.GetInputPort("measurement"))
-    builder.Connect(platforms, ranging.GetInputPort("platforms"))
+    def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
+        motion, start, kinds = believed_motion(scenario), PortStart(covariance), list(options.measurements)
+        ahead = {"preview": partial(_preview, scenario, clock)}
+        if kinds != [_POSITION]:
+            return Assumed(believed_sensor(scenario, kinds), motion, start, list(ROWS), on_demand=ahead)
+        model, own = RangedPosition(full), f"ranging_{name}"
+        ranging(bus, own, {"prediction": f"{name}.prediction"})
+        takes = {port: f"{own}.{port}" for port in ("measurement", "noise_covariance")}
+        return Assumed(model, motion, start, model.names, takes, on_demand=ahead)
 
-    blocks, dashed = {}, []
-    for name in estimators:
-        options = scenario.estimators[name]
-        motion, start = believed_motion(scenario), PortStart(covariance)
-        kinds = list(options.measurements)
-        if kinds == [_POSITION]:
-            model: MeasurementModel = RangedPosition(full)
-            wiring = Wiring(trials, model.names, clock, 1, platform_trials, noise_port=True)
-        else:
-            model = believed_sensor(scenario, kinds)
-            wiring = Wiring(trials, list(ROWS), clock, 1, platform_trials)
-        block = builder.AddSystem(options.make(name, model, motion, start, wiring))
-        builder.Connect(platforms, block.GetInputPort("platforms"))
-        if block.HasInputPort("initial_estimate"):
-            builder.Connect(prior.GetOutputPort("initial_estimate"), block.GetInputPort("initial_estimate"))
-        if kinds == [_POSITION]:
-            own = builder.AddSystem(
-                Ranging(full, trials, platform_trials=platform_trials, feedback=True, name=f"ranging_{name}")
-            )
-            builder.Connect(measured, own.GetInputPort("measurement"))
-            builder.Connect(platforms, own.GetInputPort("platforms"))
-            builder.Connect(block.GetOutputPort("prediction"), own.GetInputPort("prediction"))
-            for port in ("measurement", "noise_covariance"):
-                builder.Connect(own.GetOutputPort(port), block.GetInputPort(port))
-            dashed.append((name, own.get_name()))
-        else:
-            builder.Connect(measured, block.GetInputPort("measurement"))
-        if isinstance(block, RangeDecomposed) and block.look_ahead:
-            if truth.errors != SensorErrors():
-                raise UserError(
-                    f"estimators.{name}: {name} is not allowed with truth.errors; it is given what the sensor will read"
-                )
-            span = clock.period * (block.plane_epochs - 1)
-            if scenario.duration_s < span:
-                raise UserError(
-                    f"duration_s: {scenario.duration_s:g} is not allowed; {name} looks ahead, at least {span:g} s are "
-                    "needed"
-                )
-            ahead = builder.AddSystem(
-                Preview(
-                    sensor, target_at, lambda t: observer.at(t), clock, block.plane_epochs, error, f"preview_{name}"
-                )
-            )
-            builder.Connect(ahead.GetOutputPort("preview"), block.GetInputPort("preview"))
-        blocks[name] = block
-
-    return Wired(
-        truth=target,
-        platforms=exact,
-        measurement=measured,
-        estimators=blocks,
+    return Model(
         clock=clock,
         duration=scenario.duration_s,
         divergence=scenario.divergence_m,
-        truth_motion=OrbitalMotion(constants, sensor_model.j2),
-        signals={port: ranging.GetOutputPort(port) for port in ("ranges", "range_sigmas")},
-        dashed=dashed,
+        parts=[
+            Platforms(lambda: _orbit(scenario, listener, "observer"), "inertial"),
+            _Target(scenario, emitter),
+            TargetSensor("sensor", real, clock, mask, gives=["measured"]),
+            Impaired(real, clock, truth.errors, mounts=[Mount(rows_of(["angles", "rates"]))]),
+            KnownPlatforms(truth.sigma_observer_m, truth.sigma_observer_mps, name="observer_error"),
+            lambda bus: bus.add(PriorEstimate(covariance, bus.trials), {"initial_estimate": "initial_estimate"}),
+            ranging,
+        ],
+        assume=assume,
+        truth_motion=OrbitalMotion(constants, real.j2),
+        signals={port: f"ranging.{port}" for port in ("ranges", "range_sigmas")},
         frame="inertial",
-        looks_ahead=[name for name, block in blocks.items() if isinstance(block, RangeDecomposed) and block.look_ahead],
         # a tenth of the initial error, as in (61): of its expectation, so that all estimators are held to the same
         convergence=0.1 * math.sqrt(np.trace(covariance[:3, :3])),
     )
-
-
-def _spoilt(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    sensor: Sensor,
-    clock: Periodic,
-    target: OutputPort,
-    observer: OutputPort,
-) -> OutputPort:
-    """Return the sensor's output with the errors that nobody knows of."""
-    known = "truth.sigma_observer_m and truth.sigma_observer_mps say how well the observer is known"
-    refuse(scenario.truth.errors, "truth.errors", {**NO_CLOCKS, "platform": known})
-    turned = rows_of(["angles", "rates"])
-    measured = sensor.GetOutputPort("measurement")
-    place = Place(sensor.model, clock, measured, target, observer, sensor.trials, 1, seats=[Seat(turned)])
-    return spoil(builder, scenario.truth.errors, place)
-
-
-def _add_target(
-    builder: DiagramBuilder, scenario: Scenario, state: Array, constants: GravityConstants
-) -> tuple[Any, Callable[[float], Array]]:
-    """Add the target; return its port and its state (1, 6) as a function of time."""
-    if isinstance(scenario.target, Sp3):
-        times, states = recorded_orbit(scenario)
-        recorded = builder.AddSystem(RecordedTruth(times, states, name="target"))
-        return recorded.GetOutputPort("state"), lambda t: hermite(times, states, t)[0][None]
-    orbit = builder.AddSystem(
-        DenseOrbit(state[None], scenario.duration_s, constants=constants, j2=scenario.truth.j2, name="target")
-    )
-    return orbit.GetOutputPort("inertial"), lambda t: orbit.at(t)
 
 
 SYSTEM = System(
     name="satellite_ranging",
     title="satellite to satellite: passive ranging from angles, rates, radial velocity and radial acceleration",
     scenario=Scenario,
-    wired_by=wire,
+    declare=declare,
 )
