@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from diagrams import formation
-from diagrams.dual_signal import Drawn, Signal, SignalChain, add_signal_chain, predicted_sigmas, waveform_of
+from diagrams.assembly.bus import Bus
+from diagrams.assembly.model import Assumed, Model, Part
+from diagrams.dual_signal import Drawn, Signal, SignalChain, predicted_sigmas, waveform_of
 from diagrams.errors import UserError
 from diagrams.formation import (
     Constants,
@@ -27,18 +28,18 @@ from diagrams.formation import (
     RandomAcceleration,
     ReferenceOrbit,
     StraightLine,
-    add_emitter,
 )
-from diagrams.sensor_errors import Place, Seat, SensorErrors, known_platforms, spoil
-from diagrams.system import System, Wired
+from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
+from diagrams.parts.movers import Emitter, Platforms, true_motion
+from diagrams.parts.sensing import TargetSensor
+from diagrams.sensor_errors import SensorErrors
+from diagrams.system import System
 from systems.ambiguity.limits import check_duration
 from systems.ambiguity.variance import effective_snr, stein
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
-from systems.estimators.base import Estimator, Wiring
 from systems.estimators.direction_start import DirectionStart
 from systems.estimators.options import EstimatorOptions
-from systems.estimators.particle import ParticleEstimator
 from systems.estimators.prior_position_start import PriorPositionStart
 from systems.frames import geodetic_state, inertial_to_earth_fixed
 from systems.measurement.altitude import Altitude
@@ -53,9 +54,8 @@ from systems.measurement.visibility import ElevationMask
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.plants.orbit import DenseOrbit
 from systems.registry import estimator_options
-from systems.sensors.sensor import Sensor
 
-__all__ = ["SYSTEM", "Measured", "Scenario", "Truth", "delay_doppler_sigmas", "models", "target_state"]
+__all__ = ["SYSTEM", "Scenario", "Truth", "delay_doppler_sigmas", "models", "target_state"]
 
 Array = NDArray[np.float64]
 
@@ -217,227 +217,87 @@ def _believed_stack(scenario: Scenario, name: str) -> MeasurementModel:
     return Stack([available[kind] for kind in kinds])
 
 
-# -------------------------------------------------------------------------------------------------- wiring
+# ------------------------------------------------------------------------------------------------ declared
 
 
-@dataclass(frozen=True)
-class Measured:
-    """A stream of measurements for the estimators, wherever it comes from.
-
-    Attributes
-    ----------
-    port : OutputPort
-        The rows, (trials, rows).
-    rows : sequence of str
-        Their names.
-    noise_covariance : OutputPort, optional
-        R of the rows, (trials, rows * rows), where it comes with the measurement.
-    signals : dict of str to OutputPort
-        What else is worth a log.
-    """
-
-    port: OutputPort
-    rows: Sequence[str]
-    noise_covariance: OutputPort | None = None
-    signals: dict[str, OutputPort] | None = None
-
-
-def wire(builder: DiagramBuilder, scenario: Scenario, estimators: Sequence[str], trials: int) -> Wired:
-    """Put truth, sensors, starts and estimators into a diagram; see `diagrams.system.System`."""
-    orbit = builder.AddSystem(formation.satellite_orbit(scenario, _SATELLITES))
-    platforms = orbit.GetOutputPort("state")
-    clock = Periodic(scenario.period_s)
-    start_state = target_state(scenario)
+def declare(scenario: Scenario) -> Model:
+    """Return truth, sensors, starts and what the estimators are given; see `diagrams.assembly`."""
+    truth, errors, clock = scenario.truth, scenario.truth.errors, Periodic(scenario.period_s)
+    orbit, start_state = formation.satellite_orbit(scenario, _SATELLITES), target_state(scenario)
     _check_visible(scenario, orbit, start_state)
-    emitter, truth_motion = add_emitter(builder, scenario.truth.motion, start_state, clock, trials)
-    truth = emitter.GetOutputPort("state")
-
-    chain = None
-    if isinstance(scenario.sensing, Signal):
-        measured, chain = _add_signal(builder, scenario, scenario.sensing, orbit, clock, trials, truth)
-    else:
-        measured = _add_sensor(builder, scenario, clock, trials, truth, platforms)
-    wired = _add_estimators(builder, scenario, estimators, clock, trials, truth, truth_motion, platforms, measured)
-    if chain is None:
-        return wired
-    wired.widest, wired.note = chain.widest, chain.note
-    if chain.feedback:
-        first = wired.estimators[estimators[0]]
-        for port in ("prediction", "prediction_covariance"):
-            builder.Connect(first.GetOutputPort(port), chain.window.GetInputPort(port))
-        wired.dashed = [*wired.dashed, (first.get_name(), chain.window.get_name())]
-    return wired
-
-
-def _add_signal(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    signal: Signal,
-    orbit: DenseOrbit,
-    clock: Periodic,
-    trials: int,
-    truth: OutputPort,
-) -> tuple[Measured, SignalChain]:
-    """Add direction finding and all that the cross-ambiguity function needs."""
-    real, believed = (models(scenario, believed) for believed in (False, True))
-    finder = _sensor(
-        builder,
-        scenario,
-        real["direction"],
-        clock,
-        trials,
-        truth,
-        orbit.GetOutputPort("state"),
-        "direction_finding",
-    )
-    direction, tdoa, fdoa = (believed[kind] for kind in _KINDS)
-    assert isinstance(direction, BodyDirection) and isinstance(tdoa, Tdoa) and isinstance(fdoa, Fdoa)
-    chain = add_signal_chain(
-        builder,
-        signal,
-        (direction, finder.GetOutputPort("measurement")),
-        (tdoa, fdoa),
-        orbit,
-        scenario.duration_s,
-        clock,
-        trials,
-        truth,
-        ElevationMask(math.radians(scenario.truth.minimum_elevation_deg), "target"),
-    )
-    _check_duration(scenario, signal, fdoa, orbit)
-    stack = Stack([real[kind] for kind in _KINDS])
-    spoilt = _spoilt(builder, scenario, stack, clock, chain.measurement, trials, truth, orbit.GetOutputPort("state"))
-    signals = {"quality": chain.quality, "differences_covariance": chain.differences_covariance}
-    return Measured(spoilt, stack.names, chain.noise_covariance, signals), chain
-
-
-def _add_sensor(
-    builder: DiagramBuilder, scenario: Scenario, clock: Periodic, trials: int, truth: OutputPort, platforms: OutputPort
-) -> Measured:
-    """Add the sensor at measurement level: direction, TDOA and FDOA with the errors that the scenario states."""
     real = models(scenario, believed=False)
     stack = Stack([real[kind] for kind in _KINDS])
-    sensor = _sensor(builder, scenario, stack, clock, trials, truth, platforms, "sensor")
-    spoilt = _spoilt(builder, scenario, stack, clock, sensor.GetOutputPort("measurement"), trials, truth, platforms)
-    return Measured(spoilt, stack.names)
-
-
-def _spoilt(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    stack: Stack,
-    clock: Periodic,
-    measured: OutputPort,
-    trials: int,
-    truth: OutputPort,
-    platforms: OutputPort,
-) -> OutputPort:
-    """Return direction, TDOA and FDOA with the errors that nobody knows of."""
+    mask = ElevationMask(math.radians(truth.minimum_elevation_deg), "target")
+    sensors: list[Part]
+    chain = None
+    if isinstance(scenario.sensing, Signal):
+        chain = _signal_chain(scenario, scenario.sensing, orbit, clock, mask)
+        sensors = [TargetSensor("direction_finding", real["direction"], clock, mask), chain]
+    else:
+        sensors = [TargetSensor("sensor", stack, clock, mask, gives=["measured"])]
+    start = _start(scenario, stack.names, noisy=chain is not None)
+    known = {
+        "prior_position": Position(truth.sigma_prior_position_km * _KM, "prior_position"),
+        "assumed_height": Altitude(truth.sigma_assumed_height_km * _KM, "assumed_height"),
+    }
+    noise = dict.fromkeys(("noise_covariance", "start_noise_covariance") if chain else (), "noise_covariance")
     rate = scenario.constants.earth_rate_radps
-    seat = Seat(stack.models[0].names, 0, lambda carrier: body_frame(carrier[..., None, :], 0, rate))
-    place = Place(
-        stack, clock, measured, truth, platforms, trials, _SATELLITES, seats=[seat], clocks={"tdoa_10": (1, 0)}
+
+    def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
+        motion = ConstantVelocity(scenario.belief.acceleration_mps2)
+        return Assumed(_believed_stack(scenario, name), motion, start, stack.names, noise)
+
+    return Model(
+        clock=clock,
+        duration=scenario.duration_s,
+        divergence=scenario.divergence_m,
+        parts=[
+            Platforms(lambda: formation.satellite_orbit(scenario, _SATELLITES)),
+            Emitter(truth.motion, start_state, clock),
+            *sensors,
+            Impaired(
+                stack,
+                clock,
+                errors,
+                mounts=[Mount(stack.models[0].names, 0, lambda carrier: body_frame(carrier[..., None, :], 0, rate))],
+                clocks={"tdoa_10": (1, 0)},
+            ),
+            *(TargetSensor(port, known[port], clock, mask) for port in known if port in start.inputs),
+            KnownPlatforms(errors.sigma_platform_position_m, errors.sigma_platform_velocity_mps),
+        ],
+        assume=assume,
+        truth_motion=true_motion(truth.motion),
+        truth_states=ConstantVelocity(0.0).names,
+        signals={port: port for port in ("quality", "differences_covariance")},
+        note=chain.note if chain else "",
+        widest=chain.widest if chain else None,
     )
-    return spoil(builder, scenario.truth.errors, place)
 
 
-def _sensor(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    model: MeasurementModel,
-    clock: Periodic,
-    trials: int,
-    truth: OutputPort,
-    platforms: OutputPort,
-    name: str,
-) -> Sensor:
-    truth_trials = truth.get_system().output_size(truth.get_name())[0]
-    mask = ElevationMask(math.radians(scenario.truth.minimum_elevation_deg), "target")
-    sensor = builder.AddSystem(
-        Sensor(model, clock, trials, _SATELLITES, target_trials=truth_trials, mask=mask, name=name)
-    )
-    builder.Connect(truth, sensor.GetInputPort("target"))
-    builder.Connect(platforms, sensor.GetInputPort("platforms"))
-    return sensor
+def _signal_chain(
+    scenario: Scenario, signal: Signal, orbit: DenseOrbit, clock: Periodic, mask: ElevationMask
+) -> SignalChain:
+    """Return all that the cross-ambiguity function needs."""
+    believed = models(scenario, believed=True)
+    direction, tdoa, fdoa = (believed[kind] for kind in _KINDS)
+    assert isinstance(direction, BodyDirection) and isinstance(tdoa, Tdoa) and isinstance(fdoa, Fdoa)
+    _check_duration(scenario, signal, fdoa, orbit)
+    return SignalChain(signal, direction, tdoa, fdoa, orbit, scenario.duration_s, clock, mask)
 
 
-def _start(scenario: Scenario, measured: Measured) -> PriorPositionStart | DirectionStart:
-    """Return how the estimators begin, and begin again."""
+def _start(scenario: Scenario, rows: Sequence[str], noisy: bool) -> PriorPositionStart | DirectionStart:
+    """Return how the estimators begin, and begin again; `noisy`: R comes with the measurement."""
     truth, belief = scenario.truth, scenario.belief
     believed = models(scenario, believed=True)
     direction, tdoa, fdoa = (believed[kind] for kind in _KINDS)
     assert isinstance(direction, BodyDirection) and isinstance(tdoa, Tdoa) and isinstance(fdoa, Fdoa)
     height = (belief.sigma_assumed_height_km or truth.sigma_assumed_height_km) * _KM
     velocity = belief.sigma_velocity_mps
-    noisy = measured.noise_covariance is not None
-    once = DirectionStart(direction, tdoa, fdoa, measured.rows, height, velocity, noisy)
+    once = DirectionStart(direction, tdoa, fdoa, rows, height, velocity, noisy)
     if belief.start == "measurement":
         return once
     position = (belief.sigma_prior_position_km or truth.sigma_prior_position_km) * _KM
     return PriorPositionStart(position, velocity, again=once)
-
-
-def _add_estimators(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    estimators: Sequence[str],
-    clock: Periodic,
-    trials: int,
-    truth: OutputPort,
-    truth_motion: ConstantVelocity,
-    platforms: OutputPort,
-    measured: Measured,
-) -> Wired:
-    """Add what the estimators start from and the estimators, on any stream of measurements."""
-    start = _start(scenario, measured)
-    sources = {"start_noise_covariance": measured.noise_covariance, "noise_covariance": measured.noise_covariance}
-    known = {
-        "prior_position": Position(scenario.truth.sigma_prior_position_km * _KM, "prior_position"),
-        "assumed_height": Altitude(scenario.truth.sigma_assumed_height_km * _KM, "assumed_height"),
-    }
-    for port, model in known.items():
-        if port in start.inputs:
-            block = _sensor(builder, scenario, model, clock, trials, truth, platforms, port)
-            sources[port] = block.GetOutputPort("measurement")
-
-    carriers_known, known_trials = known_platforms(builder, scenario.truth.errors, platforms, trials, _SATELLITES)
-    blocks: dict[str, Estimator] = {}
-    signals = dict(measured.signals or {})
-    for name in estimators:
-        wiring = Wiring(
-            trials,
-            list(measured.rows),
-            clock,
-            platforms=_SATELLITES,
-            platform_trials=known_trials,
-            noise_port=measured.noise_covariance is not None,
-        )
-        motion = ConstantVelocity(scenario.belief.acceleration_mps2)
-        block = builder.AddSystem(
-            scenario.estimators[name].make(name, _believed_stack(scenario, name), motion, start, wiring)
-        )
-        builder.Connect(measured.port, block.GetInputPort("measurement"))
-        builder.Connect(carriers_known, block.GetInputPort("platforms"))
-        for port in (*start.inputs, *(["noise_covariance"] if wiring.noise_port else [])):
-            source = sources[port]
-            assert source is not None
-            builder.Connect(source, block.GetInputPort(port))
-        blocks[name] = block
-        if isinstance(block, ParticleEstimator):
-            signals |= {f"{port}_{name}": block.GetOutputPort(port) for port in block.diagnostics()}
-
-    return Wired(
-        truth=truth,
-        platforms=platforms,
-        measurement=measured.port,
-        estimators=blocks,
-        clock=clock,
-        duration=scenario.duration_s,
-        divergence=scenario.divergence_m,
-        truth_motion=truth_motion,
-        truth_states=ConstantVelocity(0.0).names,
-        signals=signals,
-    )
 
 
 def _check_duration(scenario: Scenario, signal: Signal, fdoa: Fdoa, orbit: DenseOrbit) -> None:
@@ -471,5 +331,5 @@ SYSTEM = System(
     name="dual_satellite",
     title="airborne emitter, two satellites: direction of arrival, TDOA, FDOA; particle filters",
     scenario=Scenario,
-    wired_by=wire,
+    declare=declare,
 )

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from diagrams.assembly.bus import Bus
 from diagrams.errors import UserError
 from systems.ambiguity.estimate import CrossAmbiguity
 from systems.ambiguity.prefilter import Everything, Matched, Prefilter
@@ -43,7 +43,6 @@ __all__ = [
     "Qpsk",
     "Signal",
     "SignalChain",
-    "add_signal_chain",
     "predicted_sigmas",
     "prefilter_of",
     "waveform_of",
@@ -141,38 +140,6 @@ class Signal:
     gate: bool = documented("whether what is not good is a missing measurement; false: all is passed on", True)
 
 
-@dataclass(frozen=True)
-class SignalChain:
-    """What the estimators get.
-
-    Attributes
-    ----------
-    measurement, noise_covariance : OutputPort
-        Direction, TDOA, FDOA and their R.
-    window : SearchWindow
-        Where the prediction is fed back to, unless `feedback` is False.
-    feedback : bool
-        Whether it is.
-    quality : OutputPort
-        See `QUALITY`.
-    differences_covariance : OutputPort
-        What the cross-ambiguity function says of its own errors.
-    widest : int
-        Most trials at once, for the memory that samples take.
-    note : str
-        Signal-to-noise ratios with the bandwidth that they hold in, and what they leave.
-    """
-
-    measurement: OutputPort
-    noise_covariance: OutputPort
-    window: SearchWindow
-    feedback: bool
-    quality: OutputPort
-    differences_covariance: OutputPort
-    widest: int
-    note: str
-
-
 def waveform_of(signal: Signal) -> Waveform:
     """Return the waveform of a scenario.
 
@@ -233,67 +200,102 @@ def _longest_baseline(orbit: DenseOrbit, duration: float, earth_rate: float) -> 
     return 1.001 * float(np.linalg.norm(places[:, 1] - places[:, 0], axis=-1).max())
 
 
-def add_signal_chain(
-    builder: DiagramBuilder,
-    signal: Signal,
-    direction: tuple[BodyDirection, OutputPort],
-    differences: tuple[Tdoa, Fdoa],
-    orbit: DenseOrbit,
-    duration: float,
-    clock: Periodic,
-    trials: int,
-    truth: OutputPort,
-    mask: Mask,
-) -> SignalChain:
-    """Put waveform, receivers, link, search window and cross-ambiguity function into a diagram.
+@dataclass(frozen=True)
+class SignalChain:
+    """Waveform, receivers, link, search window and cross-ambiguity function; publishes ``measured``.
 
-    Parameters
+    It takes ``target``, ``platforms`` and ``direction_finding``, and publishes ``noise_covariance``, ``quality`` (see
+    `QUALITY`) and ``differences_covariance``, what the cross-ambiguity function says of its own errors. Unless the
+    window comes from the direction, the first estimator's prediction is fed back.
+
+    Attributes
     ----------
-    builder : DiagramBuilder
-        The diagram.
     signal : Signal
         The scenario's part.
-    direction : tuple of BodyDirection and OutputPort
-        The direction as the estimators believe it to be measured, and its measurement.
-    differences : tuple of Tdoa and Fdoa
-        The difference models that the estimators believe in.
+    direction, tdoa, fdoa : BodyDirection, Tdoa, Fdoa
+        As the estimators believe them to be measured.
     orbit : DenseOrbit
         The main and the auxiliary satellite.
     duration : float
         Of the run [s].
     clock : Periodic
         When samples are taken.
-    trials : int
-        Trials of the noise.
-    truth : OutputPort
-        State of the emitter.
     mask : Mask
         Who sees whom.
     """
-    tdoa, fdoa = differences
-    waveform = waveform_of(signal)
-    if signal.window_largest_hz is not None and signal.window_largest_hz < signal.window_least_hz:
-        raise UserError(
-            f"sensing.window_largest_hz: {signal.window_largest_hz:g} is not allowed; at least window_least_hz, "
-            f"{signal.window_least_hz:g}"
+
+    signal: Signal
+    direction: BodyDirection
+    tdoa: Tdoa
+    fdoa: Fdoa
+    orbit: DenseOrbit
+    duration: float
+    clock: Periodic
+    mask: Mask
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        largest, least = self.signal.window_largest_hz, self.signal.window_least_hz
+        if largest is not None and largest < least:
+            raise UserError(
+                f"sensing.window_largest_hz: {largest:g} is not allowed; at least window_least_hz, {least:g}"
+            )
+
+    @property
+    def widest(self) -> int:
+        """Most trials at once, for the memory that samples take."""
+        return max(1, int(_SAMPLES_AT_ONCE / self.signal.samples))
+
+    @property
+    def note(self) -> str:
+        """Signal-to-noise ratios with the bandwidth that they hold in, and what they leave."""
+        return _note(self.signal)
+
+    def __call__(self, bus: Bus) -> None:
+        """See `diagrams.assembly.model.Part`."""
+        longest = _longest_baseline(self.orbit, self.duration, self.orbit.constants.earth_rate) / SPEED_OF_LIGHT
+        self._receive(bus, longest)
+        signal = self.signal
+        fed_back = ("prediction", "prediction_covariance") if signal.window == "prediction" else ()
+        bus.add(
+            self._window(bus.trials, longest),
+            gives={"window": "window"},
+            takes={"direction": "direction_finding"},
+            feedback={port: port for port in fed_back},
         )
-    platforms = orbit.GetOutputPort("state")
-    truth_trials, truth_size = truth.get_system().output_size(truth.get_name())
-    rate = signal.sample_rate_mhz * 1e6
-    longest = _longest_baseline(orbit, duration, orbit.constants.earth_rate) / SPEED_OF_LIGHT
-    transmitter = builder.AddSystem(Transmitter(waveform, fdoa.carrier))
-    receivers = []
-    for platform, (name, snr, gain) in enumerate(
-        (
-            ("main_receiver", signal.snr_main_db, signal.gain_main),
-            ("auxiliary_receiver", signal.snr_auxiliary_db, signal.gain_auxiliary),
+        # samples of one or two bits are all or often at their largest value: that is no saturated receiver
+        coarse = 0 < signal.link_bits <= 2
+        function = CrossAmbiguity(signal.samples, prefilter_of(signal), signal.confidence, 1.0 if coarse else 0.02)
+        ambiguity = bus.add(
+            CrossAmbiguitySensor(function, None, self.clock, bus.trials, keep_flagged=not signal.gate),
+            gives={"quality": "quality", "differences_covariance": "noise_covariance"},
+            takes={"main": "main_receiver.iq", "auxiliary": "inter_satellite_link.iq"},
+        ).get_name()
+        parts = {"direction": Part(2, self.direction.noise_covariance()), "differences": Part(2)}
+        bus.add(
+            JoinedMeasurements(parts, bus.trials),
+            gives={"measured": "measurement", "noise_covariance": "noise_covariance"},
+            takes={
+                "direction": "direction_finding",
+                "differences": f"{ambiguity}.measurement",
+                "differences_noise_covariance": "differences_covariance",
+            },
         )
-    ):
-        receiver = builder.AddSystem(
-            Receiver(
+
+    def _receive(self, bus: Bus, longest: float) -> None:
+        signal, rate = self.signal, self.signal.sample_rate_mhz * 1e6
+        bus.add(Transmitter(waveform_of(signal), self.fdoa.carrier), gives={"emission": "emission"})
+        trials, size = bus.shape("target")
+        for platform, (name, snr, gain) in enumerate(
+            (
+                ("main_receiver", signal.snr_main_db, signal.gain_main),
+                ("auxiliary_receiver", signal.snr_auxiliary_db, signal.gain_auxiliary),
+            )
+        ):
+            receiver = Receiver(
                 platform,
-                clock,
-                trials,
+                self.clock,
+                bus.trials,
                 2,
                 rate,
                 signal.samples,
@@ -301,32 +303,29 @@ def add_signal_chain(
                 platform * math.ceil(longest * rate),
                 snr,
                 gain,
-                orbit.constants,
-                target_trials=truth_trials,
-                target_size=truth_size,
-                mask=mask,
+                self.orbit.constants,
+                target_trials=trials,
+                target_size=size,
+                mask=self.mask,
                 name=name,
             )
+            bus.add(receiver)
+        delay = signal.link_delay_us * 1e-6
+        link = InterSatelliteLink(
+            delay + signal.link_delay_error_ns * 1e-9,
+            delay,
+            signal.link_bits or None,
+            signal.link_full_scale,
+            name="inter_satellite_link",
         )
-        builder.Connect(truth, receiver.GetInputPort("target"))
-        builder.Connect(platforms, receiver.GetInputPort("platforms"))
-        builder.Connect(transmitter.GetOutputPort("emission"), receiver.GetInputPort("emission"))
-        receivers.append(receiver)
-    delay = signal.link_delay_us * 1e-6
-    link = builder.AddSystem(
-        InterSatelliteLink(
-            delay + signal.link_delay_error_ns * 1e-9, delay, signal.link_bits or None, signal.link_full_scale
-        )
-    )
-    builder.Connect(receivers[1].GetOutputPort("iq"), link.GetInputPort("iq"))
+        bus.add(link, takes={"iq": "auxiliary_receiver.iq"})
 
-    model, measured = direction
-    feedback = signal.window == "prediction"
-    window = builder.AddSystem(
-        SearchWindow(
-            model,
-            tdoa,
-            fdoa,
+    def _window(self, trials: int, longest: float) -> SearchWindow:
+        signal = self.signal
+        return SearchWindow(
+            self.direction,
+            self.tdoa,
+            self.fdoa,
             trials,
             2,
             signal.window_least_us * 1e-6,
@@ -337,35 +336,8 @@ def add_signal_chain(
             signal.window_sigma_velocity_mps,
             max(longest, signal.window_least_us * 1e-6),
             signal.window_largest_hz or math.inf,
-            feedback,
+            signal.window == "prediction",
         )
-    )
-    builder.Connect(measured, window.GetInputPort("direction"))
-    builder.Connect(platforms, window.GetInputPort("platforms"))
-    # samples of one or two bits are all or often at their largest value: that is no saturated receiver
-    coarse = 0 < signal.link_bits <= 2
-    function = CrossAmbiguity(signal.samples, prefilter_of(signal), signal.confidence, 1.0 if coarse else 0.02)
-    ambiguity = builder.AddSystem(CrossAmbiguitySensor(function, None, clock, trials, keep_flagged=not signal.gate))
-    builder.Connect(receivers[0].GetOutputPort("iq"), ambiguity.GetInputPort("main"))
-    builder.Connect(link.GetOutputPort("iq"), ambiguity.GetInputPort("auxiliary"))
-    builder.Connect(window.GetOutputPort("window"), ambiguity.GetInputPort("window"))
-
-    joined = builder.AddSystem(
-        JoinedMeasurements({"direction": Part(2, model.noise_covariance()), "differences": Part(2)}, trials)
-    )
-    builder.Connect(measured, joined.GetInputPort("direction"))
-    builder.Connect(ambiguity.GetOutputPort("measurement"), joined.GetInputPort("differences"))
-    builder.Connect(ambiguity.GetOutputPort("noise_covariance"), joined.GetInputPort("differences_noise_covariance"))
-    return SignalChain(
-        joined.GetOutputPort("measurement"),
-        joined.GetOutputPort("noise_covariance"),
-        window,
-        feedback,
-        ambiguity.GetOutputPort("quality"),
-        ambiguity.GetOutputPort("noise_covariance"),
-        max(1, int(_SAMPLES_AT_ONCE / signal.samples)),
-        _note(signal),
-    )
 
 
 def _note(signal: Signal) -> str:
