@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Assumed, Model
+from diagrams.assembly.system import System
 from diagrams.errors import UserError
 from diagrams.launch import (
     Constants,
@@ -32,7 +33,6 @@ from diagrams.launch import (
 )
 from diagrams.parts.impairment import Impaired, KnownPlatforms
 from diagrams.sensor_errors import NO_CLOCKS, SensorErrors, refuse
-from diagrams.system import System
 from systems.clocks import Periodic
 from systems.documented import choice, count, documented, number
 from systems.estimators.options import EstimatorOptions

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Assumed, Model
+from diagrams.assembly.system import System
 from diagrams.errors import UserError, choose
 from diagrams.parts.impairment import Impaired, Mount, NavigationError
 from diagrams.parts.movers import ModelTarget, Platforms
 from diagrams.parts.sensing import TargetSensor
 from diagrams.sensor_errors import NO_CLOCKS, SensorErrors, refuse
-from diagrams.system import System
 from systems.clocks import Clock, Periodic
 from systems.documented import choice, documented, number
 from systems.estimators.azimuth_filter import AzimuthFilter, AzimuthFilterOptions

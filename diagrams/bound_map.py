@@ -96,7 +96,7 @@ class BoundMap:
     quantities : tuple of str
         Of `diagrams.metrics.QUANTITIES`.
     frame
-        See `diagrams.system.Wired`.
+        See `diagrams.assembly.model.Model`.
     equal : bool
         Whether both axes are lengths, to be drawn at the same scale.
     report : callable, optional

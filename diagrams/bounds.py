@@ -16,10 +16,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from diagrams.assembly.build import Assembly
 from diagrams.metrics import NEEDED, QUANTITIES
 from diagrams.posterior_bound import bound_steps
 from diagrams.states import POSITION, VELOCITY, CarriedMotion, Moves, block, columns, shared, translated
-from diagrams.system import Wired
 from systems.estimators.base import Estimator
 from systems.frames import up
 from systems.motion.base import MotionModel
@@ -55,7 +55,7 @@ def bound_squares(
     names : sequence of str
         Position is what of x, y, z [m] is there, velocity what of vx, vy, vz [m/s]; ``bias`` [m/s].
     frame : {'earth_fixed', 'inertial', 'local', 'launch'}
-        Axes of the states; see `Wired`.
+        Axes of the states; see `diagrams.assembly.model.Model`.
 
     Returns
     -------
@@ -181,13 +181,13 @@ class StudyBounds:
 
     Parameters
     ----------
-    wired : Wired
+    wired : Assembly
         The diagram.
     times : ndarray, shape (time,)
         Every epoch of the clock [s].
     """
 
-    wired: Wired
+    wired: Assembly
     times: Array
     _sums: dict[tuple[str, str], BoundSums] = field(default_factory=dict)
     _warned: set[str] = field(default_factory=set)
@@ -217,7 +217,7 @@ class StudyBounds:
         count = trials or max(array.shape[0] for array in arrays)
         done: list[tuple[tuple[Any, ...], Array]] = []
         for name, estimator in self.wired.estimators.items():
-            for kind, motion in (("bound", estimator.motion), ("bound_truth", self.wired.truth_motion)):
+            for kind, motion in (("bound", estimator.motion), ("bound_truth", self.wired.model.truth_motion)):
                 squares = self._squares(name, estimator, motion, truth, platforms, present, done)
                 sums = self._sums.setdefault((name, kind), BoundSums(self.times.size))
                 sums.add(squares, count)
@@ -257,7 +257,7 @@ class StudyBounds:
         both = shared(own.names, names)
         places = columns(own.names, both)
         parts = [
-            bound_squares(block(p, places), state[:, k][..., places], both, self.wired.frame)
+            bound_squares(block(p, places), state[:, k][..., places], both, self.wired.model.frame)
             for k, p in enumerate(steps)
         ]
         squares = np.stack(parts, axis=1)
@@ -285,7 +285,9 @@ class StudyBounds:
         The estimators are in the diagram's order, the epochs are all of the clock.
         """
         # heights and courses refer to the ellipsoid
-        shown = {*QUANTITIES} if self.wired.frame in ("earth_fixed", "local") else {"position", "velocity", "bias"}
+        shown = (
+            {*QUANTITIES} if self.wired.model.frame in ("earth_fixed", "local") else {"position", "velocity", "bias"}
+        )
         if "bias" not in self._judged:
             shown.discard("bias")
         found = {}
@@ -297,12 +299,12 @@ class StudyBounds:
         return found
 
 
-def rows_present(wired: Wired, estimator: Estimator, present: Mask) -> Mask:
+def rows_present(wired: Assembly, estimator: Estimator, present: Mask) -> Mask:
     """Return which rows of an estimator's `bound_model` were measured, shape (..., m).
 
     Parameters
     ----------
-    wired : Wired
+    wired : Assembly
     estimator : Estimator
         One of its estimators.
     present : ndarray of bool, shape (..., rows of the measurement stream)
@@ -334,7 +336,7 @@ def alike(a: Any, b: Any) -> bool:
 
 
 def add_bounds(
-    dataset: xr.Dataset, wired: Wired, truth: Array, platforms: Array, present: Mask | None = None
+    dataset: xr.Dataset, wired: Assembly, truth: Array, platforms: Array, present: Mask | None = None
 ) -> xr.Dataset:
     """Return a study's result with the bounds of its estimators.
 
@@ -342,7 +344,7 @@ def add_bounds(
     ----------
     dataset : xarray.Dataset
         Result that holds *every* epoch of the clock; where epochs are left out, use `StudyBounds`.
-    wired : Wired
+    wired : Assembly
         The diagram.
     truth : ndarray, shape (trials or 1, time, n)
     platforms : ndarray, shape (trials or 1, time, p, 6)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 from scipy.stats import binomtest
 
+from diagrams.assembly.build import Assembly
 from diagrams.bootstrap import Interval, PairedBootstrap, Replicates, best_of, interval
 from diagrams.catalogue import resolve_scenario, select_estimators, split_name
 from diagrams.catalogue import system as find_system
@@ -30,7 +31,6 @@ from diagrams.metrics import chi_square_band, diverged, errors, median
 from diagrams.score import Score
 from diagrams.stopwatch import Stopwatch
 from diagrams.study import Study, join
-from diagrams.system import Wired
 from systems.registry import ESTIMATORS
 
 __all__ = [
@@ -134,7 +134,7 @@ def _refusal(system: str, scenario: Any, name: str) -> str | None:
     tried = copy.deepcopy(scenario)
     chosen = select_estimators(tried, [name])
     try:
-        find_system(system).wire(DiagramBuilder(), tried, chosen, 1)
+        find_system(system).build(DiagramBuilder(), tried, chosen, 1)
     except ValueError as error:  # a scenario that is wrong itself says so again when the study is built
         return str(error).removeprefix(f"{name}: ")
     return None
@@ -166,7 +166,7 @@ class ComparedStudy(Study):
     states: dict[str, int]
     feedback: list[str]
 
-    def wire(self, trials: int) -> tuple[Wired, DiagramBuilder, dict[str, Score]]:
+    def wire(self, trials: int) -> tuple[Assembly, DiagramBuilder, dict[str, Score]]:
         """See `Study.wire`."""
         wired, builder, scores = super().wire(trials)
         self.stopwatches = {name: Stopwatch(block) for name, block in wired.estimators.items()}

@@ -37,7 +37,7 @@ def direction_axes(place: Array, velocity: Array, carrier: Array, frame: str) ->
     carrier : ndarray, shape (6,)
         Of the first carrier.
     frame : {'earth_fixed', 'local', 'inertial', 'launch'}
-        See `Wired`.
+        See `diagrams.assembly.model.Model`.
 
     Returns
     -------

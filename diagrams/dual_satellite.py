@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from diagrams import formation
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Assumed, Model, Part
+from diagrams.assembly.system import System
 from diagrams.dual_signal import Drawn, Signal, SignalChain, predicted_sigmas, waveform_of
 from diagrams.errors import UserError
 from diagrams.formation import (
@@ -33,7 +34,6 @@ from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
 from diagrams.parts.movers import Emitter, Platforms, true_motion
 from diagrams.parts.sensing import TargetSensor
 from diagrams.sensor_errors import SensorErrors
-from diagrams.system import System
 from systems.ambiguity.limits import check_duration
 from systems.ambiguity.variance import effective_snr, stein
 from systems.clocks import Periodic

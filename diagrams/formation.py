@@ -7,21 +7,14 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.errors import UserError
-from systems.clocks import Periodic
 from systems.documented import documented, number
 from systems.frames import inertial_to_earth_fixed
 from systems.measurement.visibility import ElevationMask
-from systems.motion.constant_velocity import ConstantVelocity
 from systems.motion.gravity import GravityConstants
 from systems.motion.kepler import KeplerElements, state_of
-from systems.plants.emitter import GreatCircle as GreatCirclePlant
-from systems.plants.emitter import StraightLine as StraightLinePlant
-from systems.plants.model_plant import ModelPlant
 from systems.plants.orbit import DenseOrbit
-from systems.signals import EnsembleBlock
 
 __all__ = [
     "Constants",
@@ -33,7 +26,6 @@ __all__ = [
     "RandomAcceleration",
     "ReferenceOrbit",
     "StraightLine",
-    "add_emitter",
     "gravity_constants",
     "satellite_orbit",
     "satellite_states",
@@ -192,19 +184,3 @@ def seen_at_all(scenario: Formation, orbit: DenseOrbit, target: Array, mask: Ele
     platforms = inertial_to_earth_fixed(orbit.at(times), times[:, None], scenario.constants.earth_rate_radps)
     moving = target + times[:, None] * np.concatenate([target[3:], np.zeros(3)])
     return bool(mask.visible(moving, platforms).any())
-
-
-def add_emitter(
-    builder: DiagramBuilder, motion: Motion, start: Array, clock: Periodic, trials: int
-) -> tuple[EnsembleBlock, ConstantVelocity]:
-    """Add the block of the emitter, which starts at `start` (6,); return it and the motion model it really has.
-
-    One that accelerates at random starts at the place of `start`, with a velocity of its own in every trial.
-    """
-    if isinstance(motion, RandomAcceleration):
-        model = ConstantVelocity(motion.acceleration_mps2)
-        mean = np.concatenate([start[:3], np.zeros(3)])
-        spread = np.diag([0.0] * 3 + [motion.sigma_velocity_mps**2] * 3)
-        return builder.AddSystem(ModelPlant(model, clock, mean, spread, trials, name="emitter")), model
-    kind = GreatCirclePlant if isinstance(motion, GreatCircle) else StraightLinePlant
-    return builder.AddSystem(kind(start, name="emitter")), ConstantVelocity(0.0)

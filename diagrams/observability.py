@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from diagrams.assembly.build import Assembly
 from diagrams.bounds import alike, rows_present
 from diagrams.catalogue import split_name
 from diagrams.directions import direction_axes, named_components
 from diagrams.errors import UserError
 from diagrams.states import POSITION, VELOCITY, shared, translated
 from diagrams.study import Study
-from diagrams.system import Wired
 from systems.estimators.base import Estimator
 from systems.observability import Spectrum, information_roots, spectrum
 from systems.recorder import record
@@ -298,11 +298,11 @@ def _window(ticks: Array, window: float | None) -> Array:
     return ticks[ticks - ticks[0] <= window * (1 + 1e-9)]
 
 
-def _course(study: Study, wired: Wired, times: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _course(study: Study, wired: Assembly, times: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Run a diagram until the last of `times`; return truth (1, time, n), platforms (1, time, p, 6), rows measured."""
     builder, request = DiagramBuilder(), study.request
     # one estimator is enough of a diagram; the truth does not depend on which
-    alone = study.system.wire(builder, request.scenario, request.estimators[:1], 1)
+    alone = study.system.build(builder, request.scenario, request.estimators[:1], 1)
     ports = {"truth": alone.truth, "platforms": alone.platforms, "sensed": alone.sensed or alone.measurement}
     recorder = record(builder, ports, alone.clock)
     diagram = builder.Build()
@@ -319,7 +319,7 @@ def _course(study: Study, wired: Wired, times: Array) -> tuple[Array, Array, NDA
 def _one(
     names: list[str],
     block: Estimator,
-    wired: Wired,
+    wired: Assembly,
     times: Array,
     truth: Array,
     platforms: Array,
@@ -333,7 +333,7 @@ def _one(
     moving = [motion.names.index(name) for name in shared(VELOCITY, motion.names)]
     place, carrier = truth[0, 0, placed], platforms[0, 0, 0]
     velocity = truth[0, 0, moving] if len(moving) == len(placed) else np.zeros(len(placed))
-    words, rotation = direction_axes(place, velocity, carrier, wired.frame)
+    words, rotation = direction_axes(place, velocity, carrier, wired.model.frame)
     labels, turned = named_components(motion.names, words, rotation)
     sight = np.full(motion.size, np.nan)
     away = place - carrier[: len(placed)]

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Assumed, Model
+from diagrams.assembly.system import System
 from diagrams.errors import UserError
 from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
 from diagrams.parts.movers import Platforms
 from diagrams.parts.sensing import TargetSensor
 from diagrams.sensor_errors import NO_CLOCKS, SensorErrors, refuse
-from diagrams.system import System
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
 from systems.estimators.base import Estimator

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
 
+from diagrams.assembly.build import Assembly
 from diagrams.bounds import StudyBounds
 from diagrams.catalogue import resolve_scenario, select_estimators, split_name
 from diagrams.catalogue import system as find_system
@@ -24,7 +25,6 @@ from diagrams.progress import Progress
 from diagrams.scenario import dump
 from diagrams.score import Score
 from diagrams.states import columns, shared
-from diagrams.system import Wired
 from systems.clocks import Clock, Times
 from systems.estimators.base import Estimator
 from systems.estimators.custom import Custom
@@ -108,19 +108,19 @@ class Study:
         self._shared = {signal for signal, (trials, _) in shapes.items() if trials == 1}
         self.chunk = chunk or self._fitting_chunk(probe)
 
-    def _fitting_chunk(self, probe: Wired) -> int:
+    def _fitting_chunk(self, probe: Assembly) -> int:
         """Return how many trials at once keep the memory of a chunk bounded."""
         floats = sum(size for _, size in self._signals(probe)[1].values())
         ticks = len(probe.clock.ticks(probe.duration)) / self.request.every
         fits = max(
-            1, min(self.request.trials, probe.widest or _LARGEST_CHUNK, int(_CHUNK_BYTES / (8 * floats * ticks)))
+            1, min(self.request.trials, probe.model.widest or _LARGEST_CHUNK, int(_CHUNK_BYTES / (8 * floats * ticks)))
         )
         # Chunks of equal width: the last one runs full and is cut, which wastes up to a whole chunk.
         return math.ceil(self.request.trials / math.ceil(self.request.trials / fits))
 
     # ---- building
 
-    def wire(self, trials: int) -> tuple[Wired, DiagramBuilder, dict[str, Score]]:
+    def wire(self, trials: int) -> tuple[Assembly, DiagramBuilder, dict[str, Score]]:
         """Return the wired diagram under construction for a batch of trials, and its scores."""
         builder = DiagramBuilder()
         wired = self._wired(builder, trials)
@@ -134,7 +134,7 @@ class Study:
             scores[name] = score
         return wired, builder, scores
 
-    def diagram(self, trials: int = 1) -> tuple[Diagram, Wired]:
+    def diagram(self, trials: int = 1) -> tuple[Diagram, Assembly]:
         """Return the diagram without scores and recorder: what is drawn, and what a user continues from."""
         builder = DiagramBuilder()
         wired = self._wired(builder, trials)
@@ -142,10 +142,10 @@ class Study:
         diagram.set_name(self.request.system)
         return diagram, wired
 
-    def _wired(self, builder: DiagramBuilder, trials: int) -> Wired:
+    def _wired(self, builder: DiagramBuilder, trials: int) -> Assembly:
         try:
             with self._blaming():
-                wired = self.system.wire(builder, self.request.scenario, self.request.estimators, trials)
+                wired = self.system.build(builder, self.request.scenario, self.request.estimators, trials)
         except UserError:
             raise
         except ValueError as error:  # a block says what is wrong with its arguments in the user's words
@@ -158,7 +158,7 @@ class Study:
         return wired
 
     def _signals(
-        self, wired: Wired, scores: Mapping[str, Score] | None = None
+        self, wired: Assembly, scores: Mapping[str, Score] | None = None
     ) -> tuple[dict[str, Any], dict[str, tuple[int, int]]]:
         """Return the ports to record by name, and their shapes."""
         keep = self.request.keep
@@ -218,7 +218,7 @@ class Study:
         simulator: Simulator,
         diagram: Diagram,
         recorders: Sequence[Recorder],
-        wired: Wired,
+        wired: Assembly,
         bar: Progress,
         done: int,
         width: int,
@@ -275,7 +275,9 @@ class Study:
         platforms = signals["platforms"].swapaxes(0, 1)[:count]
         return platforms.reshape(*platforms.shape[:2], -1, 6)
 
-    def _dataset(self, times: Array, signals: Mapping[str, Array], wired: Wired, first: int, count: int) -> xr.Dataset:
+    def _dataset(
+        self, times: Array, signals: Mapping[str, Array], wired: Assembly, first: int, count: int
+    ) -> xr.Dataset:
         """Turn a run's log into a Dataset, cutting the trials that only filled the batch."""
         request = self.request
         names = request.estimators
@@ -349,10 +351,10 @@ class Study:
         if "measurement" in data:
             coordinates["row"] = list(wired.stream or stream)
         dataset = xr.Dataset(data, coordinates, self.attributes(wired))
-        dataset["truth"].attrs["long_name"] = f"state of the target, {wired.frame.replace('_', '-')} axes"
+        dataset["truth"].attrs["long_name"] = f"state of the target, {wired.model.frame.replace('_', '-')} axes"
         return dataset
 
-    def attributes(self, wired: Wired) -> dict[str, Any]:
+    def attributes(self, wired: Assembly) -> dict[str, Any]:
         """Return what a result needs to be run again from itself."""
         request = self.request
         return {
@@ -364,12 +366,12 @@ class Study:
             "keep": request.keep,
             "every": request.every,
             "version": _version(),
-            "frame": wired.frame,
+            "frame": wired.model.frame,
             "note": wired.note,
-            "divergence_m": wired.divergence,
+            "divergence_m": wired.model.divergence,
             "scenario": dump(request.scenario, comments=False),
             **({"looks_ahead": ",".join(wired.looks_ahead)} if wired.looks_ahead else {}),
-            **({} if wired.convergence is None else {"convergence_m": wired.convergence}),
+            **({} if wired.model.convergence is None else {"convergence_m": wired.model.convergence}),
         }
 
 

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from diagrams import formation
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Assumed, Model
+from diagrams.assembly.system import System
 from diagrams.errors import UserError
 from diagrams.formation import (
     Constants,
@@ -33,7 +34,6 @@ from diagrams.parts.movers import Emitter, Platforms, true_motion
 from diagrams.parts.resolving import PhaseResolution
 from diagrams.parts.sensing import TargetSensor
 from diagrams.sensor_errors import SensorErrors
-from diagrams.system import System
 from systems.clocks import Periodic
 from systems.documented import choice, documented, number
 from systems.estimators.known_height_start import KnownHeightStart

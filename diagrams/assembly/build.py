@@ -6,17 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from diagrams.assembly.bus import Bus, port_shape
+from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Assumed, Model
+from diagrams.errors import UserError
+from systems.clocks import Clock
 from systems.estimators.base import Estimator, Wiring
+from systems.motion.base import MotionModel
 
 __all__ = ["Assembly", "build"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -80,15 +79,48 @@ class Assembly:
         return " ".join(dict.fromkeys(note for note in notes if note))
 
     @property
-    def stream(self) -> list[str]:
-        """Names of the rows of `measurement`."""
-        if self.model.rows is not None:
-            return list(self.model.rows)
-        rows = port_shape(self.measurement)[1]
-        for block in self.estimators.values():
-            if len(block.wiring.stream) == rows:
-                return list(block.wiring.stream)
-        return [str(i) for i in range(rows)]
+    def clock(self) -> Clock:
+        """When measurements come."""
+        return self.model.clock
+
+    @property
+    def duration(self) -> float:
+        """Length of a run [s]."""
+        return self.model.duration
+
+    @property
+    def stream(self) -> list[str] | None:
+        """Names of the rows of `measurement`, where estimators are wired to something else that is made of it."""
+        return None if self.model.rows is None else list(self.model.rows)
+
+    @property
+    def truth_names(self) -> tuple[str, ...]:
+        """Names of the components on `truth`.
+
+        Raises
+        ------
+        UserError
+            If the model's `truth_states` do not fit the port, or nothing says what its components are.
+        """
+        size, declared = self.bus.shape("truth")[1], self.model.truth_states
+        if declared is not None:
+            if len(declared) != size or len(set(declared)) != size:
+                raise UserError(f"truth_states: {list(declared)} is not allowed; {size} different names")
+            return tuple(declared)
+        for motion in (getattr(self.truth.get_system(), "motion", None), self.model.truth_motion):
+            if isinstance(motion, MotionModel) and motion.size == size:
+                return tuple(motion.names)
+        alike = {tuple(e.motion.names) for e in self.estimators.values() if e.motion.size == size}
+        if len(alike) != 1:
+            raise UserError(f"truth_states: None is not allowed; names of the {size} components of the truth")
+        return alike.pop()
+
+    @property
+    def estimated_names(self) -> tuple[str, ...]:
+        """Names of the components that the estimators have: of the largest state, then what others have beside it."""
+        motions = [estimator.motion for estimator in self.estimators.values()]
+        largest = max(motions, key=lambda motion: motion.size)
+        return tuple(dict.fromkeys([*largest.names, *(name for motion in motions for name in motion.names)]))
 
 
 def build(model: Model, builder: DiagramBuilder, options: Mapping[str, Any], trials: int) -> Assembly:

@@ -14,10 +14,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from diagrams.assembly.build import Assembly
 from diagrams.errors import UserError, choose
 from diagrams.metrics import NEEDED, QUANTITIES, axis_errors, errors
 from diagrams.states import shared
-from diagrams.system import Wired
 from diagrams.verification.statistics import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean, Statistic
 from systems.documented import choice, documented, number, text
 
@@ -34,21 +34,21 @@ class Run:
 
     Parameters
     ----------
-    wired : Wired
+    wired : Assembly
         The diagram of the study.
     """
 
-    def __init__(self, wired: Wired) -> None:
+    def __init__(self, wired: Assembly) -> None:
         self.epochs: Array = np.asarray(wired.clock.ticks(wired.duration), dtype=float)
-        self.divergence = wired.divergence
-        self.threshold = wired.convergence
+        self.divergence = wired.model.divergence
+        self.threshold = wired.model.convergence
         self.estimators = list(wired.estimators)
         # as a study has it: the states that estimator and truth both have
         models = {name: estimator.motion for name, estimator in wired.estimators.items()}
         self.units = {state: u for m in models.values() for state, u in zip(m.names, m.units, strict=True)}
         judged = shared(wired.estimated_names, wired.truth_names)
         self.states = {name: list(shared(motion.names, judged)) for name, motion in models.items()}
-        self.quantities = {name: _quantities(states, judged, wired.frame) for name, states in self.states.items()}
+        self.quantities = {name: _quantities(states, judged, wired.model.frame) for name, states in self.states.items()}
 
     def unit(self, of: str) -> str:
         """Return the unit of a quantity or component."""

@@ -22,8 +22,8 @@ from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.state import ParticleState
 from stonesoup.updater.particle import ParticleUpdater
 
+from diagrams.assembly.build import Assembly
 from diagrams.catalogue import load_scenario, system
-from diagrams.system import Wired
 from systems.clocks import Periodic
 from systems.estimators.base import Epoch, Estimator
 from systems.measurement.base import SPEED_OF_LIGHT
@@ -58,11 +58,11 @@ class Scene:
     spread: Array
 
 
-def _wire(name: str, particles: int, trials: int, duration: float) -> tuple[DiagramBuilder, Wired]:
+def _wire(name: str, particles: int, trials: int, duration: float) -> tuple[DiagramBuilder, Assembly]:
     settings = [f"duration_s={duration}", f"estimators.{name}.particles={particles}"]
     scenario = load_scenario("dual_satellite", settings=settings)
     builder = DiagramBuilder()
-    return builder, system("dual_satellite").wire(builder, scenario, [name], trials)
+    return builder, system("dual_satellite").build(builder, scenario, [name], trials)
 
 
 class Run:

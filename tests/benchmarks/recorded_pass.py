@@ -86,7 +86,7 @@ def record_pass(size: Size) -> RecordedPass:
     """Run the packaged scenario with `iekf` and record what its estimator saw and said."""
     scenario = load_scenario("three_satellite", settings=[f"duration_s={size.duration}", f"period_s={PERIOD}"])
     builder = DiagramBuilder()
-    wired = system("three_satellite").wire(builder, scenario, ["iekf"], size.trials)
+    wired = system("three_satellite").build(builder, scenario, ["iekf"], size.trials)
     iekf = wired.estimators["iekf"]
     assert isinstance(iekf, KalmanEstimator) and isinstance(iekf.algorithm, IteratedExtendedKalman)
     ports = {

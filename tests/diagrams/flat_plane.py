@@ -5,16 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from diagrams.system import System, Wired
+from diagrams.assembly.model import Assumed, Model
+from diagrams.assembly.system import System
+from diagrams.parts.movers import ModelTarget, Platforms
+from diagrams.parts.sensing import TargetSensor
 from systems.clocks import Periodic
-from systems.estimators.base import Wiring
-from systems.estimators.kalman import KalmanEstimator
+from systems.estimators.iekf import Iekf
 from systems.estimators.start import GivenStart
-from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.base import MeasurementModel
 from systems.motion.stationary import Stationary
-from systems.plants.model_plant import ModelPlant
-from systems.sensors.sensor import Sensor
 from systems.signals import Constant
 
 POSITION = (3e3, 4e3)
@@ -44,36 +43,26 @@ class Scenario:
     prior: Any = None
     duration_s: float = 10.0
     period_s: float = 1.0
-    estimators: dict[str, str] = field(default_factory=lambda: {"iekf": "iekf"})
+    estimators: dict[str, Any] = field(default_factory=lambda: {"iekf": Iekf()})
 
 
-def wire(builder, scenario, estimators, trials):
+def declare(scenario):
     clock, motion, model = Periodic(scenario.period_s), Stationary(3), Ranges3()
     prior = np.diag([1e3**2, 1e3**2, 30.0**2]) if scenario.prior is None else scenario.prior
     mean = np.array([*POSITION, scenario.height_m])
-    target = builder.AddSystem(ModelPlant(motion, clock, mean, np.zeros((3, 3)), 1))
-    stations = builder.AddSystem(Constant("stations", STATIONS.reshape(1, -1)))
-    sensor = builder.AddSystem(Sensor(model, clock, trials, STATIONS.shape[1], 1, 3))
-    builder.Connect(target.GetOutputPort("state"), sensor.GetInputPort("target"))
-    builder.Connect(stations.GetOutputPort("state"), sensor.GetInputPort("platforms"))
-    blocks = {}
-    for name in estimators:
-        wiring = Wiring(trials, model.names, clock, STATIONS.shape[1])
-        block = KalmanEstimator(name, IteratedExtendedKalman(), model, motion, GivenStart(mean, prior), wiring)
-        blocks[name] = builder.AddSystem(block)
-        builder.Connect(sensor.GetOutputPort("measurement"), block.GetInputPort("measurement"))
-        builder.Connect(stations.GetOutputPort("state"), block.GetInputPort("platforms"))
-    return Wired(
-        truth=target.GetOutputPort("state"),
-        platforms=stations.GetOutputPort("state"),
-        measurement=sensor.GetOutputPort("measurement"),
-        estimators=blocks,
+    return Model(
         clock=clock,
         duration=scenario.duration_s,
         divergence=1e4,
+        parts=[
+            Platforms(lambda: Constant("stations", STATIONS.reshape(1, -1))),
+            ModelTarget(motion, clock, mean, np.zeros((3, 3)), shared=True),
+            TargetSensor("sensor", model, clock, gives=["measurement"]),
+        ],
+        assume=lambda bus, name, options: Assumed(model, motion, GivenStart(mean, prior), model.names),
         truth_motion=motion,
         frame="local",
     )
 
 
-SYSTEM = System("flat_plane", "ranges along the ground", Scenario, wired_by=wire)
+SYSTEM = System("flat_plane", "ranges along the ground", Scenario, declare)

@@ -4,16 +4,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from diagrams.system import System, Wired
+from diagrams.assembly.model import Assumed, Model
+from diagrams.assembly.system import System
+from diagrams.parts.movers import ModelTarget, Platforms
+from diagrams.parts.sensing import TargetSensor
 from systems.clocks import Periodic
-from systems.estimators.base import Wiring
 from systems.estimators.kalman import KalmanEstimator
 from systems.estimators.start import GivenStart
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
-from systems.plants.model_plant import ModelPlant
-from systems.sensors.sensor import Sensor
 from systems.signals import Constant
 
 TRUTH = ("x", "vx", "y", "vy")
@@ -94,41 +94,42 @@ class Scenario:
     period_s: float = 1.0
     density: float = 0.0
     speechless: bool = False
-    estimators: dict[str, str] = field(default_factory=lambda: {name: name for name in STATES})
+    estimators: dict[str, object] = field(default_factory=lambda: {name: Named(name) for name in STATES})
 
 
-def wire(builder, scenario, estimators, trials):
-    clock = Periodic(scenario.period_s)
-    true = Drift(TRUTH, scenario.density)
-    target = builder.AddSystem(ModelPlant(true, clock, *belief(TRUTH), trials))
-    stations = builder.AddSystem(Constant("stations", STATIONS.reshape(1, -1)))
-    sensor = builder.AddSystem(Sensor(Ranges(TRUTH), clock, trials, STATIONS.shape[1], trials, len(TRUTH)))
-    builder.Connect(target.GetOutputPort("state"), sensor.GetInputPort("target"))
-    builder.Connect(stations.GetOutputPort("state"), sensor.GetInputPort("platforms"))
-    blocks = {}
-    for name in estimators:
+@dataclass
+class Named:
+    """Makes an estimator of the states of its name."""
+
+    name: str
+
+    def make(self, name, model, motion, start, wiring):
+        return KalmanEstimator(name, IteratedExtendedKalman(1), model, motion, start, wiring)
+
+
+def declare(scenario):
+    clock, true = Periodic(scenario.period_s), Drift(TRUTH, scenario.density)
+
+    def assume(bus, name, options):
         own = STATES[name]
         start = GivenStart(*belief(own))
         if scenario.speechless and name == "biased":
             start.covariance_at = lambda *_: None
-        wiring = Wiring(trials, Ranges.names, clock, STATIONS.shape[1])
-        filters = IteratedExtendedKalman(1), Ranges(own), Drift(own, 0.5), start, wiring
-        block = builder.AddSystem(KalmanEstimator(name, *filters))
-        builder.Connect(sensor.GetOutputPort("measurement"), block.GetInputPort("measurement"))
-        builder.Connect(stations.GetOutputPort("state"), block.GetInputPort("platforms"))
-        blocks[name] = block
+        return Assumed(Ranges(own), Drift(own, 0.5), start, Ranges.names)
 
-    return Wired(
-        truth=target.GetOutputPort("state"),
-        platforms=stations.GetOutputPort("state"),
-        measurement=sensor.GetOutputPort("measurement"),
-        estimators=blocks,
+    return Model(
         clock=clock,
         duration=scenario.duration_s,
         divergence=1e4,
+        parts=[
+            Platforms(lambda: Constant("stations", STATIONS.reshape(1, -1))),
+            ModelTarget(true, clock, *belief(TRUTH)),
+            TargetSensor("sensor", Ranges(TRUTH), clock, gives=["measurement"]),
+        ],
+        assume=assume,
         truth_motion=true,
         frame="local",
     )
 
 
-SYSTEM = System("named_states", "states by name", Scenario, wired_by=wire)
+SYSTEM = System("named_states", "states by name", Scenario, declare)

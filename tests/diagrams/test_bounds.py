@@ -254,7 +254,7 @@ def test_shapes_that_do_not_fit_are_refused():
 
 def wired(settings=(), trials=1):
     scenario = load_scenario("three_satellite", settings=settings)
-    return system("three_satellite").wire(DiagramBuilder(), scenario, list(scenario.estimators), trials)
+    return system("three_satellite").build(DiagramBuilder(), scenario, list(scenario.estimators), trials)
 
 
 def test_bounds_of_the_packaged_scenario_are_those_of_the_reference():

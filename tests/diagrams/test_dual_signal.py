@@ -65,7 +65,7 @@ def test_the_diagram_shows_the_units_of_the_patent():
         "measurements",
     }
     assert wired.dashed == [("iekf", "search_window")]
-    assert wired.widest == 30
+    assert wired.model.widest == 30
     assert wired.note.startswith("SNR -12 and -12 dB in the sample rate of 4 MHz leave 10.3 ns of TDOA and 1.2 Hz")
     # what is on the main satellite and no sensor knows the emitter by its signal only
     for (target, _), (source, _) in diagram.connection_map().items():

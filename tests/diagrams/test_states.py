@@ -1,5 +1,6 @@
 """States by their names: bounds, errors and NEES of estimators whose state is not the truth's."""
 
+import dataclasses
 import warnings
 
 import numpy as np
@@ -16,7 +17,7 @@ from diagrams.study import Study, run_study
 from diagrams.verification.metric import Run
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.motion.pass_oscillator import PassOscillator
-from tests.diagrams.named_states import SIGMA, STATES, STATIONS, TRUTH, WEIGHTS, Drift, Ranges, Scenario, belief
+from tests.diagrams.named_states import SIGMA, STATES, STATIONS, SYSTEM, TRUTH, WEIGHTS, Drift, Ranges, Scenario, belief
 
 
 @pytest.fixture
@@ -158,15 +159,12 @@ def test_a_start_that_cannot_be_known_is_said_and_the_rest_is_kept(named):
 
 def test_names_that_do_not_fit_the_truth_are_refused(named, monkeypatch):
     study = Study("named_states", scenario=Scenario(), trials=1)
-    wire = study.system.wire
     for names, said in ((["x", "y"], "4 different names"), (["x", "x", "y", "vy"], "4 different names")):
 
-        def wrong(*arguments, names=names):
-            wired = wire(*arguments)
-            wired.truth_states = names
-            return wired
+        def declare(scenario, names=names):
+            return dataclasses.replace(SYSTEM.declare(scenario), truth_states=names)
 
-        monkeypatch.setattr(study, "system", type("Wrong", (), {"wire": staticmethod(wrong)}))
+        monkeypatch.setattr(study, "system", dataclasses.replace(SYSTEM, declare=declare))
         with pytest.raises(UserError, match=rf"truth_states: .*{said}"):
             study.wire(1)
 

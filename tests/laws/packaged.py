@@ -36,7 +36,7 @@ class Packaged:
         self.scenario = load_scenario(head, variant or None, settings=[f"{k}={v}" for k, v in (settings or {}).items()])
         self.names = select_estimators(self.scenario, estimators)
         builder = DiagramBuilder()
-        self.wired = system(head).wire(builder, self.scenario, self.names, trials)
+        self.wired = system(head).build(builder, self.scenario, self.names, trials)
         ports = {
             "truth": self.wired.truth,
             "platforms": self.wired.platforms,

@@ -63,7 +63,9 @@ def test_an_extra_block_changes_no_noise(hundred):
         other = builder.AddSystem(Sensor(Altitude(10.0), clock, trials, 3, name="altimeter"))
         builder.Connect(wired.truth, other.GetInputPort("target"))
         builder.Connect(wired.platforms, other.GetInputPort("platforms"))
-        drift = builder.AddSystem(ModelPlant(wired.truth_motion, clock, np.zeros(6), np.eye(6), trials, name="drift"))
+        drift = builder.AddSystem(
+            ModelPlant(wired.model.truth_motion, clock, np.zeros(6), np.eye(6), trials, name="drift")
+        )
         return {"altimeter": other.GetOutputPort("measurement"), "drift": drift.GetOutputPort("state")}
 
     signals = Packaged("three_satellite", 100, SHORT, extra=extra).run(seed=5)[1]

@@ -480,7 +480,7 @@ class Run:
             "three_satellite", variant, settings=[f"truth.along_km={along}", f"truth.cross_km={cross}", *settings]
         )
         builder = DiagramBuilder()
-        wired = system("three_satellite").wire(builder, scenario, select_estimators(scenario, estimators), trials)
+        wired = system("three_satellite").build(builder, scenario, select_estimators(scenario, estimators), trials)
         sensor = builder.GetSubsystemByName("sensor").GetOutputPort("measurement")
         ports = {"truth": wired.truth, "platforms": wired.platforms, "sensor": sensor, **wired.signals}
         for name, block in wired.estimators.items():

@@ -24,7 +24,7 @@ def build(name="three_satellite", trials=20, settings=()):
     head, _, variant = name.partition(":")
     scenario = load_scenario(head, variant or None, settings=settings)
     builder = DiagramBuilder()
-    wired = system(head).wire(builder, scenario, select_estimators(scenario, None), trials)
+    wired = system(head).build(builder, scenario, select_estimators(scenario, None), trials)
     ports = {"truth": wired.truth}
     for estimator, block in wired.estimators.items():
         ports |= {f"{estimator}/{port}": block.GetOutputPort(port) for port in ("estimate", "covariance", "nis")}
