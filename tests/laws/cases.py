@@ -22,9 +22,12 @@ from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_f
 from systems.measurement.altitude import Altitude
 from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.bearing import Bearing
+from systems.measurement.component import Component
 from systems.measurement.direct_azimuth import DirectAzimuth
 from systems.measurement.direction import Direction, DirectionCosines
+from systems.measurement.distance import Range
 from systems.measurement.fdoa import Fdoa
+from systems.measurement.horizon import HorizonBearing
 from systems.measurement.phase import InterferometerPhase
 from systems.measurement.position import Position
 from systems.measurement.range_rate import RangeRate
@@ -213,6 +216,10 @@ MEASUREMENTS = {
     "range rates at some stations": (RangeRate(0.03, [3, 1]), "stations"),
     "range rates, target at rest": (RangeRate(0.03, [0, 2], at_rest=True), "satellites"),
     "altitude, stations": (Altitude(30.0), "stations"),
+    "ranges": (Range(5.0, [0, 2, 3]), "stations"),
+    "azimuth over the horizon": (HorizonBearing(0.02, platform=2), "stations"),
+    "azimuth and elevation over the horizon": (HorizonBearing(0.02, 0.01, platform=1), "stations"),
+    "component": (Component(2, 30.0, "height", "m"), "stations"),
     "tdoa and altitude, stations": (
         Stack([Tdoa(50e-9, correlated=True, **_STATIONS), Altitude(30.0, "barometric")]),
         "stations",

@@ -1,0 +1,48 @@
+"""A component of the target's state, measured as it is."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.measurement.base import MeasurementModel, positive
+
+__all__ = ["Component"]
+
+Array = NDArray[np.float64]
+
+
+class Component(MeasurementModel):
+    """One component of the state, such as the height z in local axes.
+
+    Parameters
+    ----------
+    index : int
+        Which one.
+    sigma : float
+        Standard deviation, in its unit.
+    name, unit : str
+        Of the row.
+    """
+
+    def __init__(self, index: int, sigma: float, name: str, unit: str) -> None:
+        self.index, self.sigma = index, positive(sigma, f"sigma of {name}", unit)
+        self.names, self.units = (name,), (unit,)
+
+    def predict(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.predict`."""
+        return np.array(target[..., self.index : self.index + 1])
+
+    def jacobian(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.jacobian`."""
+        rows = np.zeros((*target.shape[:-1], 1, target.shape[-1]))
+        rows[..., 0, self.index] = 1.0
+        return rows
+
+    def noise_covariance(self) -> Array:
+        """See `MeasurementModel.noise_covariance`."""
+        return np.array([[self.sigma**2]])
+
+    def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
+        """No platform is needed."""
+        return np.zeros((1, platforms), dtype=bool)
