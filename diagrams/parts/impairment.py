@@ -46,7 +46,7 @@ class Mount:
 
 @dataclass(frozen=True)
 class Impaired:
-    """Put the errors that are on behind the signal ``measured``; publishes ``raw`` and ``measurement``.
+    """Put the errors that are on behind a signal; publishes it with them, as ``measurement`` too by default.
 
     With all of them off nothing is added.
 
@@ -63,6 +63,12 @@ class Impaired:
         Rows that compare two receivers' times of arrival [s]: the receiver and the reference.
     axes : int
         Space dimensions of the target's state.
+    takes : str
+        The signal.
+    gives : sequence of str
+        What it is called behind the errors.
+    prefix : str
+        Of the blocks' names, which key their noise.
     """
 
     model: MeasurementModel
@@ -71,19 +77,20 @@ class Impaired:
     mounts: Sequence[Mount] = ()
     clocks: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     axes: int = 3
+    takes: str = "measured"
+    gives: Sequence[str] = ("raw", "measurement")
+    prefix: str = ""
 
     def __call__(self, bus: Bus) -> None:
         """See `diagrams.assembly.model.Part`."""
-        bus.publish(raw=bus["measured"])
-        self._turn(bus)
-        self._misread(bus)
-        bus.publish(measurement=bus["raw"])
+        signal = self._misread(bus, self._turn(bus, self.takes))
+        bus.publish(**dict.fromkeys(self.gives, bus[signal]))
 
-    def _turn(self, bus: Bus) -> None:
+    def _turn(self, bus: Bus, signal: str) -> str:
         errors = self.errors
         bias = np.radians([errors.attitude_roll_deg, errors.attitude_pitch_deg, errors.attitude_yaw_deg])
         if not (np.any(bias) or errors.sigma_attitude_deg):
-            return
+            return signal
         target, (platform_trials, numbers) = bus.shape("target"), bus.shape("platforms")
         for i, mount in enumerate(self.mounts):
             block = AttitudeError(
@@ -98,15 +105,16 @@ class Impaired:
                 *target,
                 platform_trials,
                 self.axes,
-                name="attitude_error" + (f"_{i}" if len(self.mounts) > 1 else ""),
+                name=f"{self.prefix}attitude_error" + (f"_{i}" if len(self.mounts) > 1 else ""),
             )
-            bus.add(block, gives={"raw": "measurement"}, takes={"measurement": "raw"})
+            signal = f"{bus.add(block, takes={'measurement': signal}).get_name()}.measurement"
+        return signal
 
-    def _misread(self, bus: Bus) -> None:
+    def _misread(self, bus: Bus, signal: str) -> str:
         errors = self.errors
         offsets, root = self._clock_offsets(bus.shape("platforms")[1] // 6)
         if not (np.any(offsets) or np.any(root) or errors.outlier_rate or errors.drop_out_rate):
-            return
+            return signal
         block = ReadingError(
             self.model,
             self.clock,
@@ -116,8 +124,9 @@ class Impaired:
             errors.outlier_rate,
             errors.outlier_sigmas,
             errors.drop_out_rate,
+            name=f"{self.prefix}reading_error",
         )
-        bus.add(block, gives={"raw": "measurement"}, takes={"measurement": "raw"})
+        return f"{bus.add(block, takes={'measurement': signal}).get_name()}.measurement"
 
     def _clock_offsets(self, platforms: int) -> tuple[Array, Array]:
         """Return the offset of each row and what each receiver's clock does to it [s]."""

@@ -17,17 +17,19 @@ Array = NDArray[np.float64]
 class Path(EnsembleBlock):
     """A carrier whose state is a function of time, the same in all trials.
 
-    Port ``state`` (1, 6): position [m] and velocity [m/s].
+    Port ``state`` (1, size): position [m] and velocity [m/s], of one or of several, one after the other.
 
     Parameters
     ----------
     at : callable
-        ``at(time) -> (6,)``.
+        ``at(time) -> (size,)``.
     name : str
         Name of the block.
+    size : int
+        Six times the number of those that move.
     """
 
-    def __init__(self, at: Callable[[float], Array], name: str = "observer") -> None:
+    def __init__(self, at: Callable[[float], Array], name: str = "observer", size: int = 6) -> None:
         super().__init__(name)
         self.at = at
-        self.declare_output("state", 1, 6, lambda context: self.at(context.get_time())[None], {self.time_ticket()})
+        self.declare_output("state", 1, size, lambda context: self.at(context.get_time())[None], {self.time_ticket()})
