@@ -349,7 +349,8 @@ class Study:
             "in_estimate": (("estimator", "state"), [[state in own for state in states] for own in owned]),
         }
         if "measurement" in data:
-            coordinates["row"] = list(wired.stream or stream)
+            named = wired.stream or []
+            coordinates["row"] = named if len(named) == rows else list(stream)
         dataset = xr.Dataset(data, coordinates, self.attributes(wired))
         dataset["truth"].attrs["long_name"] = f"state of the target, {wired.model.frame.replace('_', '-')} axes"
         return dataset

@@ -295,6 +295,7 @@ def declare(scenario: Scenario) -> Model:
         truth_motion=true_motion(truth.motion),
         truth_states=ConstantVelocity(0.0).names,
         signals={"integers": "phase_resolver.integers"},
+        rows=stack.names,
     )
 
 

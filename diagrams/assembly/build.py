@@ -90,7 +90,7 @@ class Assembly:
 
     @property
     def stream(self) -> list[str] | None:
-        """Names of the rows of `measurement`, where estimators are wired to something else that is made of it."""
+        """Names of the rows of `sensed`, where not all estimators are wired to it as it is."""
         return None if self.model.rows is None else list(self.model.rows)
 
     @property

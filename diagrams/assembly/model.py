@@ -88,7 +88,8 @@ class Model:
     signals : mapping of str to str
         What else is worth a log: its name there and its signal; left out where the diagram has no such signal.
     rows : sequence of str, optional
-        Names of the rows of ``measurement``, where no estimator is wired to it as it is.
+        Names of the rows of ``raw`` (of ``measurement``, where there is no ``raw``), where not all estimators are wired
+        to it as it is.
     note : str
         What a reader of the results must know; printed below the table.
     convergence : float or None

@@ -6,7 +6,7 @@ import xarray as xr
 from pydrake.systems.framework import DiagramBuilder
 
 from diagrams import bounds
-from diagrams.bounds import StudyBounds, add_bounds, bound_curves
+from diagrams.bounds import StudyBounds, add_bounds, bound_curves, rows_present
 from diagrams.catalogue import load_scenario, system
 from diagrams.posterior_bound import posterior_bound
 from diagrams.three_satellite import satellite_states, target_state
@@ -294,6 +294,19 @@ def test_work_is_shared_by_estimators_that_are_alike(monkeypatch):
     study = StudyBounds(wired(moving), times)
     study.add(truth, platforms)
     assert len(calls) == 3
+
+
+def test_a_missing_link_of_a_chain_of_baselines_is_no_missing_row():
+    """The estimators' rows are found by name among all that the sensor reads, the chain's too."""
+    made = wired(["truth.chain_m=[0.04, 0.4]"])
+    block = made.estimators["iekf"]
+    rows = list(made.stream)
+    assert len(rows) == made.sensed.size() == 10 and block.model.size == 6
+    present = np.ones((1, 1, 10), dtype=bool)
+    present[..., rows.index("phase_a_1")] = False
+    assert rows_present(made, block, present).all()
+    present[..., rows.index("fdoa_20")] = False
+    assert rows_present(made, block, present)[0, 0].tolist() == [name != "fdoa_20" for name in block.model.names]
 
 
 @pytest.mark.parametrize("sizes", [(3, 4), (1,) * 7, (6, 1)])
