@@ -376,15 +376,21 @@ class Estimator(EnsembleBlock):
                 measurement = np.where(new[:, None], np.nan, measurement)
             if not started.any():
                 return Belief(memory, self._nothing(), started, True)
-        # looking at the first number first: it is rarely missing
-        if math.isnan(measurement.item(0)) and np.isnan(measurement).all():
-            return Belief(memory, self._nothing(), started, True)
         noise = self._read_noise(context)
         if noise is not None and (unknown := unknown_rows(noise)).any():
             measurement = np.where(unknown, np.nan, measurement)
+        told = None if math.isfinite(measurement.sum()) else ~np.isnan(measurement).all(axis=-1) & started
+        if told is not None and not told.any():
+            return Belief(memory, self._nothing(), started, True)
         platforms = self._read_platforms(context)
-        memory, innovation = self.correct(memory, measurement, platforms, noise, self._epoch(context))
-        return Belief(memory, innovation, started, True)
+        corrected, innovation = self.correct(memory, measurement, platforms, noise, self._epoch(context))
+        if told is not None and not told.all():
+            # Even a correction by nothing rounds, and alone such a trial is not corrected at all.
+            corrected = {
+                group: np.where(told[:, None], value, memory[group]) if group in memory else value
+                for group, value in corrected.items()
+            }
+        return Belief(corrected, innovation, started, True)
 
     def _begin_late(self, context: Context, memory: Memory, started: Mask, stream: Array) -> tuple[Memory, Mask]:
         """Start the trials that could not start before, leave the others alone; return which have started now."""
