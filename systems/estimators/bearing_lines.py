@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ __all__ = ["BearingLocator", "Lately", "Sighting"]
 
 Array = NDArray[np.float64]
 _NO_PRIOR = 1e8  # m; of the range, where none is believed in
+
+_BLOCK = 32  # numbers that NumPy multiplies and adds at a time, four registers of at most eight
 
 
 @dataclass(frozen=True)
@@ -226,8 +229,12 @@ class Lately:
         return {**{name: self.window * int(np.prod(tail)) for name, tail in self._shapes.items()}, "count": 1}
 
     def unpack(self, kept: Memory) -> dict[str, Array]:
-        """Return each ring, shape (trials, window, ...), cut where no trial has anything yet."""
-        filled = int(min(self.window, np.nan_to_num(kept["count"]).max(initial=0.0)))
+        """Return each ring, shape (trials, window, ...), cut where no trial has anything yet.
+
+        In whole blocks: a sum's rounding depends on how it is cut into them, and so must not on who has most.
+        """
+        most = np.nan_to_num(kept["count"]).max(initial=0.0)
+        filled = min(self.window, _BLOCK * math.ceil(most / _BLOCK))
         trials = kept["count"].shape[0]
         return {name: kept[name].reshape(trials, self.window, *tail)[:, :filled] for name, tail in self._shapes.items()}
 

@@ -34,9 +34,12 @@ _PORTS = COLUMNS[:-1]
 
 @lru_cache(maxsize=16)
 def _noise_root(covariance: bytes, shape: tuple[int, ...]) -> Array:
-    """Return L (..., n, r) with L L' the covariance, without columns of zeros; mostly it is the same every epoch."""
+    """Return L (..., n, r) with L L' the covariance; mostly it is the same every epoch.
+
+    Where it is the same in all trials, without columns of zeros, for which numbers would be drawn in vain.
+    """
     root = semidefinite_root(np.frombuffer(covariance).reshape(shape))
-    return root[..., np.any(root != 0, axis=tuple(range(root.ndim - 1)))]
+    return root[:, np.any(root != 0, axis=0)] if root.ndim == 2 else root
 
 
 class ParticleEstimator(Estimator):

@@ -5,18 +5,33 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["cholesky", "inverse_lower", "semidefinite_root", "symmetric"]
+__all__ = ["cholesky", "dot", "inverse_lower", "semidefinite_root", "symmetric"]
 
 Array = NDArray[np.float64]
 
 _RANK = 1e-13  # share of a variance below which what is left of it is rounding error
 _SMALLEST_EIGENVALUE = 1e-12  # of the correlation matrix, where a covariance has to be repaired
 _BLOCK = 256  # matrices at a time, so that they stay in the cache
+_LONGEST = 8192  # numbers in NumPy's buffer
 
 
 def symmetric(matrix: Array) -> Array:
     """Return the symmetric part over the last two axes."""
     return 0.5 * (matrix + np.swapaxes(matrix, -1, -2))
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Return the sum of products over the last axis, shape (...), that is the same in a batch as alone.
+
+    NumPy's `einsum` takes longer axes than its buffer piecewise, and cuts those of several trials where it cuts the
+    first; here each is cut by itself.
+    """
+    length = a.shape[-1]
+    total: Array = np.einsum("...k,...k->...", a[..., :_LONGEST], b[..., :_LONGEST])
+    for begin in range(_LONGEST, length, _LONGEST):
+        part = slice(begin, begin + _LONGEST)
+        total = total + np.einsum("...k,...k->...", a[..., part], b[..., part])
+    return total
 
 
 def cholesky(covariance: Array) -> Array:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.filters.linear_algebra import dot
 from systems.measurement.bearing import Bearing
 
 __all__ = ["BearingHistory", "Fit", "Prior", "fold", "maximum_likelihood"]
@@ -95,12 +96,12 @@ def _terms(state: Array, history: BearingHistory, model: Bearing, prior: Prior |
     rows, residual = (_azimuths if model.size == 1 else _all_angles)(state, history, model)
     if n > axes and model.size == 1:
         rows += [-history.ages * row for row in rows]
-    gradient = np.stack([_over_lines(row, residual) for row in rows], axis=-1)
+    gradient = np.stack([dot(row, residual) for row in rows], axis=-1)
     information = np.empty((*gradient.shape, n))
     for i, row in enumerate(rows):
         for j in range(i + 1):
-            information[..., i, j] = information[..., j, i] = _over_lines(row, rows[j])
-    cost = 0.5 * _over_lines(residual, residual)
+            information[..., i, j] = information[..., j, i] = dot(row, rows[j])
+    cost = 0.5 * dot(residual, residual)
     if prior is not None:
         off = state - prior.anchor
         pulled = np.einsum("...ij,...j->...i", prior.information, off)
@@ -108,10 +109,6 @@ def _terms(state: Array, history: BearingHistory, model: Bearing, prior: Prior |
         gradient = gradient + prior.vector - pulled
         information = information + prior.information
     return cost, gradient, information
-
-
-def _over_lines(a: Array, b: Array) -> Array:
-    return np.einsum("...k,...k->...", a, b)
 
 
 def _azimuths(state: Array, history: BearingHistory, model: Bearing) -> tuple[list[Array], Array]:

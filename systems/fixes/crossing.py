@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from systems.filters.linear_algebra import dot
+
 __all__ = [
     "Lines",
     "crossing",
@@ -286,13 +288,13 @@ def instrumental_variable(
             weight, scaled = np.where(gap, 0.0, weight), np.where(gap, 0.0, scaled)
         with np.errstate(invalid="ignore"):  # an estimate on a platform: no direction, and no solution at this epoch
             gx, gy = -dy * scaled, dx * scaled
-        m00, m01, m10, m11 = -_dot(gx, sine), _dot(gx, cosine), -_dot(gy, sine), _dot(gy, cosine)
-        b0, b1 = _dot(gx, distance_of_line), _dot(gy, distance_of_line)
+        m00, m01, m10, m11 = -dot(gx, sine), dot(gx, cosine), -dot(gy, sine), dot(gy, cosine)
+        b0, b1 = dot(gx, distance_of_line), dot(gy, distance_of_line)
         # G^T W G: the unit normals are g over their weight.
         with np.errstate(divide="ignore", invalid="ignore"):
             weight = scaled / weight if gap is None else np.where(gap, 0.0, scaled / weight)
             nx, ny = -dy * weight, dx * weight
-            i00, i01, i11 = _dot(gx, nx), _dot(gx, ny), _dot(gy, ny)
+            i00, i01, i11 = dot(gx, nx), dot(gx, ny), dot(gy, ny)
             determinant = m00 * m11 - m01 * m10
             x = np.stack([m11 * b0 - m01 * b1, m00 * b1 - m10 * b0], axis=-1) / determinant[..., None]
     determinant = i00 * i11 - i01 * i01
@@ -300,7 +302,3 @@ def instrumental_variable(
     covariance[..., 0, 0], covariance[..., 1, 1] = i11 / determinant, i00 / determinant
     covariance[..., 0, 1] = covariance[..., 1, 0] = -i01 / determinant
     return x, covariance
-
-
-def _dot(a: Array, b: Array) -> Array:
-    return np.einsum("...k,...k->...", a, b)

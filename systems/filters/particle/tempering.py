@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.filters.linear_algebra import dot
+
 __all__ = ["conditional_share", "next_exponent"]
 
 Array = NDArray[np.float64]
@@ -32,7 +34,7 @@ def conditional_share(weight: Array, log_likelihood: Array, exponent: Array) -> 
     """
     value = np.exp(exponent[:, None] * log_likelihood)
     weighted = weight * value
-    return weighted.sum(axis=-1) ** 2 / np.einsum("ti,ti->t", weighted, value)
+    return weighted.sum(axis=-1) ** 2 / dot(weighted, value)
 
 
 def next_exponent(weight: Array, log_likelihood: Array, remaining: Array, share: float) -> Array:
@@ -75,8 +77,8 @@ def next_exponent(weight: Array, log_likelihood: Array, remaining: Array, share:
     low, over_low = high - _SMALLEST, np.full(short.size, -np.log(share))
     # For small exponents the share is exp(-exponent^2 variance); without -inf, which a particle may have.
     bounded = np.maximum(scaled, -1e12)
-    mean = np.einsum("ti,ti->t", weight, bounded)
-    variance = np.einsum("ti,ti,ti->t", weight, bounded, bounded) - mean**2
+    mean = dot(weight, bounded)
+    variance = dot(weight * bounded, bounded) - mean**2
     guess = 0.5 * np.log(-np.log(share) / np.maximum(variance, 1e-300))
     guess = np.clip(guess, low + 1.0, high - 0.1)
     for _ in range(_EVALUATIONS):

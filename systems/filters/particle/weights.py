@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.linear_algebra import symmetric
+from systems.filters.linear_algebra import dot, symmetric
 
 __all__ = ["effective_size", "moments", "normalise", "unique_sorted"]
 
@@ -51,7 +51,7 @@ def normalise(log_weight: Array) -> tuple[Array, Array]:
 
 def effective_size(weight: Array) -> Array:
     r"""Return :math:`1/\sum w^2` of weights (..., N) that sum to 1 (Kong, Liu and Wong, 1994), shape (...)."""
-    return 1 / np.einsum("...i,...i->...", weight, weight)
+    return 1 / dot(weight, weight)
 
 
 def moments(cloud: Array, weight: Array | None) -> tuple[Array, Array]:
