@@ -13,6 +13,7 @@ from systems.estimators.hypotheses_start import HypothesesStart
 from systems.estimators.start import Start
 from systems.filters.gaussian import GaussianFilter, take
 from systems.filters.hypotheses import branch, in_doubt, log_evidence, mixture, reweigh
+from systems.filters.linear_algebra import symmetric
 from systems.filters.square_root import Posterior
 from systems.filters.whitening import Whitener, missing_rows
 from systems.measurement.base import MeasurementModel
@@ -206,9 +207,8 @@ class HypothesisBank(Estimator):
         width = max(1, np.count_nonzero((weights > 0).any(axis=0)))
         if width == 1:
             alone = weights[:, 0] > 0
-            return np.where(alone[:, None], means[:, 0], np.nan), np.where(
-                alone[:, None, None], covariances[:, 0], np.nan
-            )
+            covariance = np.where(alone[:, None, None], covariances[:, 0], np.nan)
+            return np.where(alone[:, None], means[:, 0], np.nan), symmetric(covariance)
         return mixture(means[:, :width], covariances[:, :width], weights[:, :width])
 
     def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:

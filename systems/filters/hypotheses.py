@@ -86,8 +86,10 @@ def branch(
         Place of the branch in its trial: as before where nothing branches.
     """
     nearest, short, reach = _reach(turns, sigma)
-    if not in_doubt(turns, sigma).any():
+    doubt = in_doubt(turns, sigma)
+    if not doubt.any():
         return np.arange(trial.size), nearest, slot
+    doubtful = np.isin(trial, trial[doubt])
 
     steps = [np.arange(-_CYCLES, _CYCLES + 1.0)] * turns.shape[-1]
     offsets = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, turns.shape[-1])
@@ -97,7 +99,9 @@ def branch(
     score = np.log(weights[parent]) - 0.5 * np.einsum("bi,bi->b", misfit, misfit)
     order = np.lexsort((-score, trial[parent]))
     of_trial = trial[parent[order]]
-    place = np.arange(order.size) - np.searchsorted(of_trial, of_trial)
+    rank = np.arange(order.size) - np.searchsorted(of_trial, of_trial)
+    # Sums over hypotheses round as these are ordered: no other trial's doubt may change that.
+    place = np.where(doubtful[parent[order]], rank, slot[parent[order]])
     chosen, place = order[place < most], place[place < most]
     return parent[chosen], nearest[parent[chosen]] + offsets[option[chosen]], place
 

@@ -61,8 +61,9 @@ class ModifiedGainKalman(GaussianFilter):
 
     @staticmethod
     def _covariance(gains: Gains, difference: Array) -> Array:
-        """Return P+; `difference` is D, whitened (..., m, n)."""
-        if not difference.any():
+        """Return P+; `difference` is D, whitened (trials, m, n): where it is 0, that of the EKF."""
+        same: NDArray[np.bool_] = ~np.any(difference, axis=(-1, -2))
+        if same.all():
             return gains.covariance()
         m = difference.shape[-2]
         unit = np.broadcast_to(np.eye(m), (*difference.shape[:-2], m, m))
@@ -72,4 +73,5 @@ class ModifiedGainKalman(GaussianFilter):
         half = np.concatenate(
             [root - gain @ (difference @ root), gain @ (difference @ gain) @ np.linalg.cholesky(spread)], axis=-1
         )
-        return half @ np.swapaxes(half, -1, -2)
+        modified: Array = half @ np.swapaxes(half, -1, -2)
+        return np.where(same[:, None, None], gains.covariance(), modified) if same.any() else modified
