@@ -13,9 +13,23 @@ from systems.recorder import record
 from systems.signals import Draw, EnsembleBlock, set_draw
 from tests.laws.cases import PASS, PLACES, place, satellites, six
 
-__all__ = ["PORTS", "Feed", "Linear", "Scene", "make", "run", "textbook"]
+__all__ = ["PORTS", "Feed", "Linear", "Scene", "assert_same", "make", "run", "textbook", "with_gaps"]
 
 PORTS = ("estimate", "covariance", "prediction", "prediction_covariance", "innovation", "nis", "nis_dof")
+
+
+def with_gaps(measurement, rate=0.15):
+    """Return measurements (ticks, trials, m) of which some rows are missing, and now and then all of a trial."""
+    rng = np.random.default_rng(9)
+    gone = rng.random(measurement.shape) < rate
+    gone |= rng.random((*measurement.shape[:2], 1)) < 0.3 * rate
+    return np.where(gone, np.nan, measurement)
+
+
+def assert_same(part, whole):
+    """Assert that two runs agree bit for bit in all that an estimator's ports carry."""
+    for port in PORTS:
+        np.testing.assert_array_equal(part[port], whole[port], err_msg=port)
 
 
 class Feed(EnsembleBlock):

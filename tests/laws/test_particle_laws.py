@@ -10,7 +10,7 @@ from systems.estimators.pf import Pf
 from systems.estimators.pf_sir import PfSir
 from systems.estimators.start import GivenStart
 from tests.laws.cases import SAMPLED
-from tests.laws.rig import PORTS, Scene, make, run
+from tests.laws.rig import PORTS, Scene, assert_same, make, run, with_gaps
 
 TRIALS, EPOCHS = 100, 5
 PARTS = {"1": slice(37, 38), "7": slice(33, 40), "100": slice(0, 100)}
@@ -36,14 +36,24 @@ def test_every_sampled_estimator_is_here():
 
 @each_case
 def test_a_trial_alone_is_that_trial_of_the_batch(name):
-    """Batches of 1, 7 and 100: the same draws, the same stages, the same resampling, and so the same numbers."""
+    """Batches of 1, 7 and 100, with gaps: the same draws, stages and resampling, and so the same bits."""
     scene = Scene(TRIALS, EPOCHS)
+    scene.measurement = with_gaps(scene.measurement)
     batch = run_part(scene, name)
     assert np.isfinite(batch["estimate"]).all()
     for rows in PARTS.values():
         part = run_part(scene.only(rows), name, rows.start)
-        for port in PORTS:
-            np.testing.assert_allclose(part[port], batch[port][:, rows], rtol=1e-9, equal_nan=True, err_msg=port)
+        assert_same(part, {port: values[:, rows] for port, values in batch.items()})
+
+
+def test_sums_over_more_particles_than_a_buffer_holds(monkeypatch):
+    """With 9000 particles two trials are worked on at once, and alone one."""
+    monkeypatch.setitem(CASES, "pf, many", Pf(particles=9000))
+    scene = Scene(3, 3)
+    batch = run_part(scene, "pf, many")
+    for rows in (slice(0, 1), slice(1, 3)):
+        part = run_part(scene.only(rows), "pf, many", rows.start)
+        assert_same(part, {port: values[:, rows] for port, values in batch.items()})
 
 
 @each_case

@@ -10,7 +10,7 @@ from systems.measurement.relative_kinematics import ROWS
 from systems.motion.orbital import OrbitalMotion
 from systems.registry import ESTIMATORS, locate
 from tests.laws.cases import OWN_SENSOR
-from tests.laws.rig import PORTS, run
+from tests.laws.rig import PORTS, assert_same, run, with_gaps
 from tests.systems.ranging_scene import EARTH, PRIOR, TARGET, measurements, sensor
 
 TRIALS, EPOCHS = 100, 32
@@ -47,22 +47,21 @@ def batches(scene):
     return {name: play(name, *scene) for name in estimators()}
 
 
-def assert_same(a, b):
-    """The iterated bank to its stop tolerance of 1 cm, RA to rounding: both far below a millionth of sigma."""
-    sigma = np.sqrt(np.diagonal(b["covariance"], axis1=-2, axis2=-1))
-    for port in ("estimate", "prediction"):
-        known = np.isfinite(b[port])
-        assert np.array_equal(known, np.isfinite(a[port]))
-        assert np.nanmax(np.abs(a[port] - b[port]) / sigma) < 2e-5
-    np.testing.assert_allclose(a["covariance"], b["covariance"], rtol=1e-3, atol=1e-6 * np.nanmax(sigma) ** 2)
-    np.testing.assert_array_equal(a["nis_dof"], b["nis_dof"])
-
-
 @pytest.mark.parametrize("size", PARTS)
 @pytest.mark.parametrize("name", OWN_SENSOR)
 def test_a_trial_alone_is_the_same_as_in_a_batch(scene, batches, name, size):
     part = play(name, *(array[PARTS[size]] for array in scene))
     assert_same(part, {port: values[:, PARTS[size]] for port, values in batches[name].items()})
+
+
+@pytest.mark.parametrize("name", OWN_SENSOR)
+def test_so_it_is_with_gaps(scene, name):
+    measured, observer, prior = (array[:12] for array in scene)
+    measured = with_gaps(measured, 0.1)
+    batch = play(name, measured, observer, prior)
+    for rows in (slice(7, 8), slice(3, 10)):
+        part = play(name, measured[rows], observer[rows], prior[rows])
+        assert_same(part, {port: values[:, rows] for port, values in batch.items()})
 
 
 @pytest.mark.parametrize("name", OWN_SENSOR)
