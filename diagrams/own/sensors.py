@@ -15,12 +15,13 @@ from systems.measurement.bearing import Bearing as BearingModel
 from systems.measurement.component import Component
 from systems.measurement.distance import Range as RangeModel
 from systems.measurement.fdoa import Fdoa as FdoaModel
+from systems.measurement.frequency import Frequency as FrequencyModel
 from systems.measurement.horizon import HorizonBearing
 from systems.measurement.range_rate import RangeRate as RangeRateModel
 from systems.measurement.tdoa import Tdoa as TdoaModel
 from systems.motion.gravity import GravityConstants
 
-__all__ = ["Altitude", "Bearing", "Fdoa", "Places", "Range", "RangeRate", "Sensor", "Tdoa"]
+__all__ = ["Altitude", "Bearing", "Fdoa", "Frequency", "Places", "Range", "RangeRate", "Sensor", "Tdoa"]
 
 
 @dataclass(frozen=True)
@@ -35,11 +36,14 @@ class Places:
         The system's.
     constants : GravityConstants
         Of the Earth.
+    bias : int, optional
+        Which component of the state is the oscillator's error, where there is one.
     """
 
     platforms: Mapping[str, int]
     frame: str
     constants: GravityConstants
+    bias: int | None = None
 
     def number(self, name: str, where: str) -> int:
         """Return the number of a platform; a `UserError` names the field where there is none of that name."""
@@ -146,8 +150,24 @@ class RangeRate(_Timed):
     def model(self, places: Places, where: str) -> MeasurementModel:
         """Return the measurement model; rows ``range_rate_PLATFORM`` [m/s]."""
         stations = places.numbers(self.stations, f"{where}.stations")
-        model = RangeRateModel(self.sigma_mps, list(stations.values()))
+        model = RangeRateModel(self.sigma_mps, list(stations.values()), places.bias)
         model.names = tuple(f"range_rate_{station}" for station in stations)
+        return model
+
+
+@dataclass
+class Frequency(_Timed):
+    """Received frequencies, less the carrier: Doppler and, where the scenario has one, the emitter's oscillator."""
+
+    stations: list[str] = documented("platforms that measure; empty: all", factory=list)
+    sigma_hz: float = number("standard deviation [Hz]", 1.0, above=0)
+    carrier_mhz: float = number("nominal carrier frequency [MHz]", 400.0, above=0)
+
+    def model(self, places: Places, where: str) -> MeasurementModel:
+        """Return the measurement model; rows ``frequency_PLATFORM`` [Hz]."""
+        stations = places.numbers(self.stations, f"{where}.stations")
+        model = FrequencyModel(self.sigma_hz, self.carrier_mhz * 1e6, list(stations.values()), places.bias)
+        model.names = tuple(f"frequency_{station}" for station in stations)
         return model
 
 
@@ -185,5 +205,5 @@ class Altitude(_Timed):
         return Component(2, self.sigma_m, "altitude", "m") if places.frame == "local" else AltitudeModel(self.sigma_m)
 
 
-Sensor = Tdoa | Fdoa | Range | RangeRate | Bearing | Altitude
+Sensor = Tdoa | Fdoa | Range | RangeRate | Frequency | Bearing | Altitude
 """Whatever measures."""

@@ -27,6 +27,7 @@ from systems.measurement.direct_azimuth import DirectAzimuth
 from systems.measurement.direction import Direction, DirectionCosines
 from systems.measurement.distance import Range
 from systems.measurement.fdoa import Fdoa
+from systems.measurement.frequency import Frequency
 from systems.measurement.horizon import HorizonBearing
 from systems.measurement.phase import InterferometerPhase
 from systems.measurement.position import Position
@@ -46,6 +47,7 @@ from systems.motion.known_flight import KnownFlight
 from systems.motion.orbital import OrbitalMotion
 from systems.motion.pass_oscillator import PassOscillator
 from systems.motion.random_walk import RandomWalk
+from systems.motion.side_by_side import SideBySide
 from systems.motion.stationary import Stationary
 from systems.registry import ESTIMATORS, locate
 
@@ -219,6 +221,7 @@ MEASUREMENTS = {
     "ranges": (Range(5.0, [0, 2, 3]), "stations"),
     "azimuth over the horizon": (HorizonBearing(0.02, platform=2), "stations"),
     "azimuth and elevation over the horizon": (HorizonBearing(0.02, 0.01, platform=1), "stations"),
+    "frequency": (Frequency(2.0, 4e8, [1, 3]), "stations"),
     "component": (Component(2, 30.0, "height", "m"), "stations"),
     "tdoa and altitude, stations": (
         Stack([Tdoa(50e-9, correlated=True, **_STATIONS), Altitude(30.0, "barometric")]),
@@ -294,6 +297,14 @@ MOTIONS = {
     "current statistical, no bias": (CurrentStatistical(2.0, *_LIMITS, 5.0, [], "filtered"), _FLIGHT[:, :9]),
     "known flight": (KnownFlight([20.0]), _FLIGHT),
     "random walk": (RandomWalk([0.1, 2.0], ["a", "b"], ["m/s", "rad"]), np.array([[1.0, 2.0], [30.0, -4.0]])),
+    "side by side": (
+        SideBySide([WhiteNoiseAcceleration(0.5), RandomWalk([0.1], ["bias"], ["m/s"])]),
+        np.append(_STATE, 30.0)[None] * [[1.0], [1.01]],
+    ),
+    "side by side, one of them in orbit": (
+        SideBySide([OrbitalMotion(density=1e-6), RandomWalk([0.0], ["bias"], ["m/s"])]),
+        np.concatenate([_between_satellites().targets, np.ones((len(_between_satellites().targets), 1))], axis=-1),
+    ),
     "pass oscillator": (PassOscillator([1e3, 1.0, 1e-2], 100.0, 1e-6), np.array([[3e3, 2e3, 1e3, 300.0, 1.2, 0.01]])),
     "pass oscillator, bias alone": (PassOscillator([1e3], 100.0), np.array([[3e3, 2e3, 1e3, 300.0]])),
     "orbit, two-body": (OrbitalMotion(j2=False), _between_satellites().targets),

@@ -1,0 +1,50 @@
+"""Received frequency of an emitter whose oscillator is off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.measurement.base import SPEED_OF_LIGHT, positive
+from systems.measurement.range_rate import RangeRate
+
+__all__ = ["Frequency"]
+
+Array = NDArray[np.float64]
+
+
+class Frequency(RangeRate):
+    r"""Received frequency minus the nominal one, of one instant.
+
+    .. math:: z_i = -\frac{f}{c}\,(\dot r_i + \delta)
+
+    :math:`\delta` is the oscillator's error as a range rate: an emitter that is `offset` hertz too high has
+    :math:`\delta = -c\,\mathrm{offset}/f`. To first order in v/c.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation of one frequency [Hz].
+    carrier : float
+        Nominal carrier frequency f [Hz].
+    stations, bias
+        See `RangeRate`; `bias` is the index of delta [m/s].
+    """
+
+    def __init__(self, sigma: float, carrier: float, stations: Sequence[int], bias: int | None = None) -> None:
+        self.carrier = positive(carrier, "carrier", "Hz")
+        self._scale = -self.carrier / SPEED_OF_LIGHT
+        super().__init__(positive(sigma, "sigma_frequency", "Hz"), stations, bias)
+        self.names = tuple(f"frequency_{i}" for i in self.stations)
+        self.units = ("Hz",) * len(self.names)
+
+    def predict(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.predict`."""
+        return self._scale * super().predict(target, platforms)
+
+    def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
+        """See `MeasurementModel.linearize`."""
+        value, jacobian = super().linearize(target, platforms)
+        return self._scale * value, self._scale * jacobian
