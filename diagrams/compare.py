@@ -27,8 +27,9 @@ from diagrams.bootstrap import Interval, PairedBootstrap, Replicates, best_of, i
 from diagrams.catalogue import resolve_scenario, select_estimators, split_name
 from diagrams.catalogue import system as find_system
 from diagrams.errors import UserError
-from diagrams.metrics import chi_square_band, diverged, errors, median
+from diagrams.metrics import chi_square_band, diverged, errors, median, not_started
 from diagrams.score import Score
+from diagrams.starting import why_not_started
 from diagrams.stopwatch import Stopwatch
 from diagrams.study import Study, join
 from systems.registry import ESTIMATORS
@@ -304,8 +305,9 @@ def statistics(
         ``estimators.NAME``: ``rmse_position_m`` (at the time), ``armse_position_m`` (mean over time of the RMSE),
         ``median_position_m``, ``bound_position_m``, ``efficiency`` (RMSE over bound) and whether it ``is`` one
         (``efficiency_means_something``: the truth moves as the filter believes), ``nees_per_state`` with
-        ``nees_band`` and ``nees_verdict``, ``diverged``, ``cost_us``. ``best.METRIC``: who has the smallest, whether
-        significantly, the runner-up, and the ratio of every other one to it.
+        ``nees_band`` and ``nees_verdict``, ``diverged``, ``not_started`` (in no RMSE; in ``best``
+        infinite where another one started), ``cost_us``. ``best.METRIC``: who has the smallest, whether significantly,
+        the runner-up, and the ratio of every other one to it.
     """
     if not 0 < confidence < 1:
         raise UserError(f"confidence: {confidence} is not allowed; between 0 and 1")
@@ -318,13 +320,17 @@ def statistics(
     rows: dict[str, dict[str, Any]] = {}
     replicates: list[Replicates] = []
     squared: list[Array] = []
+    never = not_started(dataset)
+    nobody = never.all("estimator").values
     for name in names:
-        one = dataset.sel(estimator=[name])
-        error = errors(one)["position"]
+        one, out = dataset.sel(estimator=[name]), never.sel(estimator=name).values
+        error = errors(one)["position"].where(~never.sel(estimator=[name]))
         squares = np.square(error.values[0])
         found = draws.apply(squares, lambda means: _two(means, epoch))
-        replicates.append(found)
-        squared.append(squares)
+        # Who does not start where another does is not the better for it: there its error is infinite.
+        alone = (out & ~nobody)[:, None]
+        squared.append(np.where(alone, np.inf, squares))
+        replicates.append(draws.apply(squared[-1], lambda means: _two(means, epoch)) if alone.any() else found)
         both = interval(found, confidence)
         row: dict[str, Any] = {"causal": name not in not_causal}
         row["rmse_position_m"], row["armse_position_m"] = (entry(both, i) for i in range(2))
@@ -332,7 +338,8 @@ def statistics(
         row |= _efficiency(one, Interval(*(part[0] for part in both)), epoch)
         lost_now = np.isinf(error.values[0, :, epoch])
         row |= nees_entry(one["nees"].values[0, :, epoch], lost_now, study.states[name], draws, confidence)
-        lost = int(diverged(one).sum())
+        lost = int((diverged(one).values[0] & ~out).sum())
+        row["not_started"] = int(out.sum())
         tail = binomtest(lost, draws.trials).proportion_ci(confidence, "exact")
         row["diverged"], row["diverged_rate"] = lost, {"low": float(tail.low), "high": float(tail.high)}
         row["cost_us"] = plain(costs[name])
@@ -356,6 +363,7 @@ def statistics(
         "batch": min(study.chunk, draws.trials),
         "feedback": study.feedback,
         "note": dataset.attrs.get("note", ""),
+        "not_started": why_not_started(dataset, {name: row["not_started"] for name, row in rows.items()}),
         "left_out": dict(chosen.left_out),
         "lighter": {name: dict(options) for name, options in chosen.lighter.items()},
         "estimators": rows,

@@ -15,7 +15,7 @@ from diagrams.errors import UserError, choose
 from diagrams.output import OutputFolder
 from diagrams.results import open_result, write_summary
 from diagrams.study import join
-from diagrams.tables import Column, Styled, Table, number, print_table, with_interval
+from diagrams.tables import Column, Styled, Table, lost, number, print_table, with_interval
 from diagrams.terminal import say
 
 __all__ = ["FORMATS", "compare_command", "comparison_markdown", "comparison_table"]
@@ -162,7 +162,7 @@ def _rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
                 number(row["median_position_m"]),
                 efficiency,
                 nees if verdict in (None, "in band") else f"{nees} {verdict}",
-                str(row["diverged"]),
+                lost(row["diverged"], row["not_started"]),
                 number(row["cost_us"]),
             )
         )
@@ -195,6 +195,8 @@ def print_notes(found: Mapping[str, Any]) -> None:
             f"{best['runner_up']} / {best['name']} = {_ratio(ratio['value'])} "
             f"({_ratio(ratio['low'])} to {_ratio(ratio['high'])})"
         )
+    for line in found["not_started"]:
+        say(line)
     if found["note"]:
         say(found["note"])
     for line in _lighter(found):

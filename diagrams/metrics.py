@@ -34,6 +34,7 @@ __all__ = [
     "median",
     "nees_statistics",
     "nis_statistics",
+    "not_started",
     "percentile",
     "rmse",
     "scored",
@@ -396,6 +397,18 @@ def diverged(dataset: xr.Dataset, limit: float | None = None) -> xr.DataArray:
     return _diverged(errors(dataset)["position"], _limit(dataset, limit))
 
 
+def not_started(dataset: xr.Dataset) -> xr.DataArray:
+    """Return which trials never started: no epoch has a finite position, although the truth is known at some.
+
+    Returns
+    -------
+    xarray.DataArray of bool, dims (estimator, trial)
+        Such a trial has no error to be counted in an RMSE, as a lost one has: it is counted apart.
+    """
+    error = errors(dataset)["position"]
+    return error.notnull().any("time") & ~(abs(error) < np.inf).any("time")
+
+
 def _limit(dataset: xr.Dataset, limit: float | None) -> float:
     return float(dataset.attrs["divergence_m"] if limit is None else limit)
 
@@ -421,7 +434,8 @@ def summarise(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
     -------
     dict
         By estimator: lists over the epochs and scalars, as in the design's list; null (None) where a number is
-        undefined or not finite.
+        undefined or not finite. Errors are over the trials that started, also where they diverged later;
+        ``not_started`` says how many never did.
     """
     # One estimator after the other: a study of many trials would not fit into memory five times.
     return {
@@ -431,7 +445,8 @@ def summarise(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
 
 def _summarise_one(dataset: xr.Dataset) -> dict[str, Any]:
     time = dataset["time"].values
-    error = errors(dataset)
+    never = not_started(dataset)
+    error = errors(dataset).where(~never)
     curves = {name: rmse(error[name]).values[0] for name in error}
     nees, nis = nees_statistics(dataset), nis_statistics(dataset)
     missing = [None] * time.size
@@ -450,6 +465,7 @@ def _summarise_one(dataset: xr.Dataset) -> dict[str, Any]:
         summary[f"{name}_{_UNITS[name.rpartition('_')[2]]}"] = _plain(values)
     name = str(dataset["estimator"].values[0])
     summary["causal"] = name not in dataset.attrs.get("looks_ahead", "").split(",")
+    summary["not_started"] = int(never.sum())
     summary["diverged"] = int(_diverged(error["position"], _limit(dataset, None)).sum())
     summary["armse_position_m"] = _plain(armse(curves["position"]))
     summary["convergence_time_s"] = _plain(

@@ -16,7 +16,8 @@ from diagrams.errors import UserError
 from diagrams.output import OutputFolder, written_beside
 from diagrams.rerun import ask_again
 from diagrams.results import open_result, write_summary
-from diagrams.tables import Column, Table, number, print_table
+from diagrams.starting import why_not_started
+from diagrams.tables import Column, Table, lost, number, print_table
 from diagrams.terminal import say
 
 __all__ = ["draw_command", "gdop_command", "observe_command", "replay_command", "run_command"]
@@ -103,9 +104,11 @@ def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
                 number(_last(row, key))
                 for key in ("median_position_m", "bound_position_m", "rmse_height_m", "rmse_velocity_mps", "nees_mean")
             ),
-            str(row["diverged"]),
+            lost(row["diverged"], row["not_started"]),
         )
     print_table(table)
+    for line in why_not_started(dataset, {name: row["not_started"] for name, row in estimators.items()}):
+        say(line)
     if dataset.attrs.get("note"):
         say(dataset.attrs["note"])
 

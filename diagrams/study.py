@@ -205,11 +205,13 @@ class Study:
                 with self._blaming():
                     bounds.add(path["truth"].swapaxes(0, 1)[:count], self._carriers(path, count), count, present)
                 chunk = self._dataset(times, signals, wired, request.first_trial + done, count)
+                rows = np.broadcast_to(present.sum(axis=-1).max(axis=-1), count)
+                chunk = chunk.assign_coords(measured_rows=("trial", rows, {"rows": present.shape[-1]}))
                 if done + count == request.trials:
                     kept = np.isin(bounds.times, times)
                     chunk = chunk.assign({name: (dims, v[:, kept]) for name, (dims, v) in bounds.variables().items()})
                 # a generator keeps its variables while it waits and while the next chunk runs
-                del context, signals, path, present
+                del context, signals, path, present, rows
                 yield chunk
                 del chunk
 
@@ -428,7 +430,8 @@ def run_study(
     Returns
     -------
     xarray.Dataset
-        Dimensions estimator, trial, time, state; bounds as ``bound_*`` and ``bound_truth_*``.
+        Dimensions estimator, trial, time, state; bounds as ``bound_*`` and ``bound_truth_*``; the coordinate
+        ``measured_rows`` (trial): most rows that are measured at once.
 
     Raises
     ------

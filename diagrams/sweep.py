@@ -18,7 +18,7 @@ from diagrams.bootstrap import PairedBootstrap, Replicates, interval, log_ratio
 from diagrams.catalogue import load_scenario, split_name
 from diagrams.compare import ComparedStudy, entry, nearest_epoch, nees_entry, plain
 from diagrams.errors import UserError, choose, texts
-from diagrams.metrics import diverged, errors
+from diagrams.metrics import diverged, errors, not_started
 from diagrams.scenario import natural_name
 from diagrams.study import join
 
@@ -181,7 +181,8 @@ class Sweep:
                 {
                     "position_error": (dims, errors(kept)["position"].values[None, :, :, 0], {"units": "m"}),
                     "nees": (dims, kept["nees"].values[None, :, :, 0]),
-                    "diverged": (dims, diverged(whole).values[None]),
+                    "diverged": (dims, (diverged(whole) & ~not_started(whole)).values[None]),
+                    "not_started": (dims, not_started(whole).values[None]),
                     "bound_position": (dims[:2], bounds[0][None], {"units": "m"}),
                     "bound_truth_position": (dims[:2], bounds[1][None], {"units": "m"}),
                     "states": (dims[:2], np.array([list(study.states.values())])),
@@ -224,16 +225,21 @@ def sweep_statistics(dataset: xr.Dataset, confidence: float = 0.95, resamples: i
     dict
         ``key``, ``values``, and by estimator lists over the values: ``rmse_position_m``, ``rmse_ratio`` (to the first
         value; paired, for the noise is the same), ``efficiency`` (RMSE over bound), ``nees_per_state``, ``nees_band``,
-        ``nees_verdict``, ``diverged``, ``bound_position_m``.
+        ``nees_verdict``, ``diverged``, ``not_started``, ``bound_position_m``.
     """
     draws = PairedBootstrap(dataset.sizes["trial"], resamples)
-    squares = np.square(dataset["position_error"].transpose("trial", "estimator", "point").values)
+    never = dataset["not_started"].transpose("trial", "estimator", "point").values
+    error = dataset["position_error"].transpose("trial", "estimator", "point").values
+    squares = np.square(np.where(never, np.nan, error))
+    # the ratio is paired: over trials that start at every point
+    paired = np.where(never.any(axis=-1, keepdims=True), np.nan, squares)
     curves: dict[str, Any] = {}
     for i, name in enumerate(dataset["estimator"].values):
         found = draws.apply(squares[:, i], np.sqrt)
         rmse = interval(found, confidence)
-        first = Replicates(*(part[..., :1] for part in found))
-        ratio = interval(log_ratio(found, first), confidence)
+        same = draws.apply(paired[:, i], np.sqrt) if never[:, i].any() else found
+        first = Replicates(*(part[..., :1] for part in same))
+        ratio = interval(log_ratio(same, first), confidence)
         one = dataset.isel(estimator=i)
         bound, of_truth = one["bound_position"].values, one["bound_truth_position"].values
         points = range(dataset.sizes["point"])
@@ -246,6 +252,7 @@ def sweep_statistics(dataset: xr.Dataset, confidence: float = 0.95, resamples: i
                 bool(np.isclose(a, b, rtol=1e-6)) for a, b in zip(bound, of_truth, strict=True)
             ],
             "diverged": [int(n) for n in one["diverged"].sum("trial").values],
+            "not_started": [int(n) for n in one["not_started"].sum("trial").values],
         }
         lost = np.isinf(squares[:, i])
         nees = [

@@ -14,7 +14,7 @@ import xarray as xr
 from diagrams.output import OutputFolder
 from diagrams.results import open_result
 from diagrams.sweep import Sweep, sweep_statistics
-from diagrams.tables import Column, Table, number, print_table, with_interval
+from diagrams.tables import Column, Table, lost, number, print_table, with_interval
 from diagrams.terminal import say
 
 __all__ = ["sweep_command", "sweep_table"]
@@ -77,7 +77,7 @@ def sweep_table(found: Mapping[str, Any]) -> Table:
                 number(row["efficiency"][k]["value"]) + ("" if row["efficiency_means_something"][k] else "†"),
                 with_interval(row["nees_per_state"][k]),
                 row["nees_verdict"][k] or "-",
-                str(row["diverged"][k]),
+                lost(row["diverged"][k], row["not_started"][k]),
             )
     return table
 

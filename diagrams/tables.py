@@ -10,7 +10,7 @@ from rich.cells import cell_len
 
 from diagrams.terminal import padded, styled, width_of, wrapped, write
 
-__all__ = ["Column", "Styled", "Table", "number", "print_table", "rendered", "with_interval"]
+__all__ = ["Column", "Styled", "Table", "lost", "number", "print_table", "rendered", "with_interval"]
 
 _GAP = "  "
 _MARGIN = 1
@@ -227,6 +227,11 @@ def with_interval(entry: Mapping[str, float | None]) -> str:
     if entry["value"] is None:
         return "-"
     return f"{number(entry['value'])} ({number(entry['low'])}-{number(entry['high'])})"
+
+
+def lost(diverged: int, not_started: int) -> str:
+    """Return how many trials have diverged, and beside it how many never started."""
+    return f"{diverged}, {not_started} not started" if not_started else str(diverged)
 
 
 def number(value: float | None) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["cholesky", "dot", "inverse_lower", "semidefinite_root", "symmetric"]
+__all__ = ["cholesky", "dot", "inverse_lower", "inverses", "semidefinite_root", "solve", "symmetric"]
 
 Array = NDArray[np.float64]
 
@@ -67,6 +67,34 @@ def _repaired(matrix: Array) -> Array:
     # QR turns the square root into a triangular one without squaring it again.
     factor = np.linalg.qr(root.T)[1].T
     return scale[:, None] * factor * np.where(np.diagonal(factor) < 0, -1.0, 1.0)
+
+
+def inverses(matrix: Array) -> Array:
+    """Return inverses (..., n, n); NaN where a matrix is singular, which affects no other."""
+    return solve(matrix, None)
+
+
+def solve(matrix: Array, right: Array | None) -> Array:
+    """Return the X with matrix (..., n, n) @ X = right (..., n, k); right None: the inverses.
+
+    NaN where a matrix is singular: NumPy would raise, and one trial's geometry would end all of them.
+    """
+    try:
+        return np.asarray(np.linalg.inv(matrix) if right is None else np.linalg.solve(matrix, right), dtype=float)
+    except np.linalg.LinAlgError:
+        pass
+    n = matrix.shape[-1]
+    right = np.eye(n) if right is None else right
+    lead = np.broadcast_shapes(matrix.shape[:-2], right.shape[:-2])
+    many = np.broadcast_to(matrix, (*lead, n, n)).reshape(-1, n, n)
+    sides = np.broadcast_to(right, (*lead, *right.shape[-2:])).reshape(-1, *right.shape[-2:])
+    found = np.full(sides.shape, np.nan)
+    for i, (one, side) in enumerate(zip(many, sides, strict=True)):  # the rare path
+        try:
+            found[i] = np.linalg.solve(one, side)
+        except np.linalg.LinAlgError:
+            continue
+    return found.reshape(*lead, *right.shape[-2:])
 
 
 def inverse_lower(factor: Array) -> Array:

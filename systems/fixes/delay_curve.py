@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.filters.linear_algebra import solve
 from systems.frames import ecef_to_geodetic, up
 from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
 
@@ -130,7 +131,7 @@ def _lift(delays: MeasurementModel, position: Array, platforms: Array) -> Array:
     correlation = delays.noise_covariance() / np.outer(delays.sigmas, delays.sigmas)
     gram = np.einsum("...ik,...jk->...ij", g, g)
     finite = np.all(np.isfinite(gram), axis=(-1, -2))
-    weights = np.linalg.solve(np.where(finite[..., None, None], gram, np.eye(2)), level[..., None])[..., 0]
+    weights = solve(np.where(finite[..., None, None], gram, np.eye(2)), level[..., None])[..., 0]
     return np.sqrt(np.einsum("...i,ij,...j->...", weights, correlation, weights))
 
 

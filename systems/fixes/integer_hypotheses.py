@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.filters.linear_algebra import inverses, solve
 from systems.filters.whitening import Whitener
 from systems.fixes.delay_curve import delay_curve
 from systems.frames import ecef_to_geodetic
@@ -130,7 +131,7 @@ def integer_covariance(
     stack, whitener = _together(delays, phases, sigma_height, sigma_range)
     rows = whitener.matrix(None) @ stack.jacobian(target, platforms)[..., :3]
     finite = np.all(np.isfinite(rows), axis=(-1, -2))[..., None, None]
-    return np.where(finite, np.linalg.inv(np.where(finite, np.swapaxes(rows, -1, -2) @ rows, np.eye(3))), np.nan)
+    return np.where(finite, inverses(np.where(finite, np.swapaxes(rows, -1, -2) @ rows, np.eye(3))), np.nan)
 
 
 def integer_slope(
@@ -152,7 +153,7 @@ def integer_slope(
     place, velocity = rows[..., :3], np.where(finite, rows[..., 3:6], 0.0)
     turned = np.swapaxes(place, -1, -2)
     information = np.where(finite, turned @ place, np.eye(3))
-    return np.where(finite, -np.linalg.solve(information, np.where(finite, turned, 0.0) @ velocity), np.nan)
+    return np.where(finite, -solve(information, np.where(finite, turned, 0.0) @ velocity), np.nan)
 
 
 def _together(
@@ -206,7 +207,7 @@ def _least_squares(
     settled = np.zeros_like(moving)
     for _ in range(_ITERATIONS):
         residual, rows, information = _normal(model, w, measured, platforms, position)
-        step = np.linalg.solve(
+        step = solve(
             np.where(moving[..., None, None], information, np.eye(3)),
             np.einsum("...mi,...m->...i", rows, np.where(moving[..., None], residual, 0.0))[..., None],
         )[..., 0]
@@ -217,7 +218,7 @@ def _least_squares(
         if not moving.any():
             break
     residual, rows, information = _normal(model, w, measured, platforms, position)
-    covariance = np.linalg.inv(np.where(settled[..., None, None], information, np.eye(3)))
+    covariance = inverses(np.where(settled[..., None, None], information, np.eye(3)))
     cost = np.einsum("...m,...m->...", residual, residual)
     return (
         np.where(settled[..., None], position, np.nan),

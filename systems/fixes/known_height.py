@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.filters.linear_algebra import inverses, solve
 from systems.frames import ecef_to_geodetic, geodetic_to_ecef, up, vertical
 from systems.measurement.base import SPEED_OF_LIGHT, differenced_covariance
 from systems.measurement.geometry import line_of_sight
@@ -157,7 +158,7 @@ def position_per_velocity(tdoa: Tdoa, target: Array, platforms: Array) -> Array:
     change = np.zeros((*gradient.shape[:-2], 3, 3))
     change[..., :2, :] = SPEED_OF_LIGHT * tdoa.jacobian(target, platforms)[..., 3:6]
     finite = np.all(np.isfinite(gradient), axis=(-1, -2))[..., None, None]
-    return np.where(finite, -np.linalg.solve(np.where(finite, gradient, np.eye(3)), change), np.nan)
+    return np.where(finite, -solve(np.where(finite, gradient, np.eye(3)), change), np.nan)
 
 
 def _first_guess(delays: Array, satellites: Array, height: Array, method: Method) -> Array:
@@ -208,7 +209,7 @@ def _newton(delays: Array, satellites: Array, height: Array, start: Array) -> Ar
         singular = np.abs(np.linalg.det(gradient)) < 1e-12
         if singular.any():
             gradient[singular] = np.eye(3)
-        step = np.linalg.solve(gradient, residual[..., None])[..., 0]
+        step = solve(gradient, residual[..., None])[..., 0]
         size = np.sqrt(np.einsum("...i,...i->...", step, step))
         p = p + step * np.minimum(1.0, _LARGEST_STEP / np.maximum(size, 1.0))[:, None]
         done = (size < _CONVERGED) & ~singular
@@ -229,7 +230,7 @@ def _quartic(delays: Array, satellites: Array, height: Array) -> Array:
     normal = np.cross(base[:, 0], base[:, 1])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     right = np.stack([0.5 * (np.einsum("...ij,...ij->...i", base, base) - d**2), -d], axis=-1)
-    solved = np.linalg.solve(np.broadcast_to(gram, (d.shape[0], 2, 2)), right)
+    solved = solve(np.broadcast_to(gram, (d.shape[0], 2, 2)), right)
     a, b = np.einsum("tki,tkj->jti", np.broadcast_to(base, (d.shape[0], 2, 3)), solved)
 
     position = np.full((d.shape[0], 3), np.nan)
@@ -329,7 +330,7 @@ def known_height_covariance(
     c[:2, :2] += sigma_satellite**2 * (np.eye(2) + np.ones((2, 2)))
     c[2, 2] = sigma_height**2
     finite = np.all(np.isfinite(gradient), axis=(-1, -2))
-    inverse = np.linalg.inv(np.where(finite[..., None, None], gradient, np.eye(3)))
+    inverse = inverses(np.where(finite[..., None, None], gradient, np.eye(3)))
     # The square root of C keeps the product symmetric and definite although it is nearly of rank one.
     half = inverse @ np.linalg.cholesky(c)
     return np.where(finite[..., None, None], half @ np.swapaxes(half, -1, -2), np.nan)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.linear_algebra import cholesky, symmetric
+from systems.filters.linear_algebra import cholesky, inverses, solve, symmetric
 from systems.filters.whitening import Whitener
 from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 from systems.measurement.base import MeasurementModel
@@ -139,7 +139,7 @@ def snapshot_fix(
     chosen = np.arange(fixes) * count + best
     found = np.isfinite(cost[np.arange(fixes), best])
     covariance = np.full((fixes, 3, 3), np.nan)
-    covariance[found] = symmetric(np.linalg.inv(information[chosen[found]]))
+    covariance[found] = symmetric(inverses(information[chosen[found]]))
     return SnapshotFix(
         np.where(found[:, None], position[chosen], np.nan).reshape(*lead, 3),
         covariance.reshape(*lead, 3, 3),
@@ -173,7 +173,7 @@ class _Problem:
         if prior is not None:
             mean, covariance = prior
             known = np.all(np.isfinite(mean), axis=-1) & np.all(np.isfinite(covariance), axis=(-1, -2))
-            root = np.linalg.inv(cholesky(np.where(known[:, None, None], covariance, np.eye(3))))
+            root = inverses(cholesky(np.where(known[:, None, None], covariance, np.eye(3))))
             self._prior = np.where(known[:, None], mean, 0.0), np.where(known[:, None, None], root, 0.0)
             self.rows += 3.0 * known
 
@@ -212,7 +212,7 @@ def _levenberg(problem: _Problem, position: Array, owner: NDArray[np.intp]) -> t
         solvable = (scale > 0).all(axis=-1) & np.isfinite(value)
         scale = np.where(solvable[:, None], scale, 1.0)
         scaled = np.where(solvable[:, None, None], normal / (scale[:, :, None] * scale[:, None, :]), np.eye(3))
-        step = np.linalg.solve(scaled + damping[:, None, None] * np.eye(3), (slope / scale)[..., None])[..., 0] / scale
+        step = solve(scaled + damping[:, None, None] * np.eye(3), (slope / scale)[..., None])[..., 0] / scale
         decrease = np.einsum("ni,ni->n", step, slope)
 
         arrived = solvable & (decrease <= _CONVERGED) & (damping <= _GAUSS_NEWTON)

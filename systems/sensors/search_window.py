@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
+from systems.filters.linear_algebra import inverses
 from systems.fixes.ray_height import ray_at_height
 from systems.frames import up
 from systems.measurement.base import MeasurementModel, positive
@@ -82,7 +83,7 @@ def direction_belief(
         rows = np.concatenate([model.jacobian(mean[able], carriers)[..., :3], up(place[able])[..., None, :]], axis=-2)
         noise = np.zeros((3, 3))
         noise[:2, :2], noise[2, 2] = model.noise_covariance(), sigma_height**2
-        inverse = np.linalg.inv(rows)
+        inverse = inverses(rows)
         full = np.zeros((int(able.sum()), 6, 6))
         full[:, :3, :3] = inverse @ noise @ np.swapaxes(inverse, -1, -2)
         full[:, 3:, 3:] = sigma_velocity**2 * np.eye(3)

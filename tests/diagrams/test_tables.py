@@ -141,6 +141,7 @@ def test_comparison_of_large_numbers_fits():
         "nees_verdict": "high",
         "causal": False,
         "diverged": 73,
+        "not_started": 27,
         "cost_us": 3737.0,
     }
     best = {"significant": True, "name": "b"}

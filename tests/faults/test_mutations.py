@@ -1,0 +1,62 @@
+"""Three hundred inputs that are spoilt at random: no traceback, no hang, no gigabyte.
+
+Each batch is a process of its own, so that a hang or a flood of memory ends that alone.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from systems.plants.sp3 import read_sp3
+
+SCRIPT = Path(__file__).with_name("mutations.py")
+MOST_RESIDENT = 1_000_000_000  # bytes
+FEW = {"scenario": 16, "requirements": 5, "bearings": 5, "locards": 4, "sigmf": 6, "sp3": 4}
+MANY = {"scenario": 150, "requirements": 40, "bearings": 25, "locards": 15, "sigmf": 30, "sp3": 20, "attributes": 20}
+
+
+def batch(kind, count, folder):
+    """Return what a batch of mutations did."""
+    done = subprocess.run(
+        [sys.executable, str(SCRIPT), kind, "0", str(count), str(folder)],
+        capture_output=True,
+        text=True,
+        timeout=60 + 60 * count,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert not found["faults"], "\n".join(f"{kind} {n}: {what}" for n, what in found["faults"].items())
+    assert found["resident"] < MOST_RESIDENT
+    assert sum(found["outcomes"].values()) == count
+    return found["outcomes"]
+
+
+@pytest.mark.parametrize("kind", FEW)
+def test_forty_mutations(kind, tmp_path):
+    batch(kind, FEW[kind], tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", MANY)
+def test_three_hundred_mutations(kind, tmp_path):
+    outcomes = batch(kind, MANY[kind], tmp_path)
+    assert outcomes.get("refused", 0) >= MANY[kind] // 5  # they are mutations that matter
+
+
+def test_what_is_spoilt_is_good_before(tmp_path, monkeypatch, capsys):
+    sys.path.insert(0, str(SCRIPT.parent))
+    try:
+        import mutations
+    finally:
+        sys.path.remove(str(SCRIPT.parent))
+    monkeypatch.setattr(mutations, "spoil", lambda data, rng: data)
+    monkeypatch.setattr(mutations, "spoil_bytes", lambda content, rng: content)
+    monkeypatch.setattr(mutations, "spoil_table", lambda text, rng: text)
+    for kind in ("requirements", "bearings", "locards", "sigmf"):
+        assert mutations.judged(kind, 1, tmp_path) == ("ran", None), kind
+    (tmp_path / "o.sp3").write_text(mutations.sp3_text())
+    assert read_sp3(tmp_path / "o.sp3").times.size == 14
