@@ -144,7 +144,7 @@ class Study:
 
     def _wired(self, builder: DiagramBuilder, trials: int) -> Assembly:
         try:
-            with self._blaming():
+            with self._blaming(made=False):
                 wired = self.system.build(builder, self.request.scenario, self.request.estimators, trials)
         except UserError:
             raise
@@ -244,14 +244,22 @@ class Study:
         return context
 
     @contextmanager
-    def _blaming(self) -> Iterator[None]:
-        """Turn whatever a user's own class raises, sys.exit too, into a `UserError` that names it."""
+    def _blaming(self, made: bool = True) -> Iterator[None]:
+        """Turn whatever a user's own class raises, sys.exit too, into a `UserError` that names it.
+
+        While blocks are being made (`made` False) none is asked for its name: Drake reads any memory for one that is
+        not there yet.
+        """
         try:
             yield
         except (KeyboardInterrupt, UserError):
             raise
         except BaseException as error:
-            self._blame_users_class(error)
+            if made:
+                self._blame_users_class(error)
+            for name, options in self.request.scenario.estimators.items():
+                if isinstance(options, Custom) and options.raised(error):
+                    raise UserError(options.blame(name, error)) from error
             raise
 
     def _blame_users_class(self, error: BaseException) -> None:
@@ -260,10 +268,7 @@ class Study:
             block = frame.f_locals.get("self")
             if not isinstance(block, Estimator):
                 continue
-            try:
-                name = block.get_name()
-            except Exception:  # Drake has not made it yet: `Custom.make` has named it already
-                continue
+            name = block.get_name()
             options = self.request.scenario.estimators.get(name)
             if isinstance(options, Custom):
                 raise UserError(options.blame(name, error)) from error

@@ -46,7 +46,7 @@ class Custom(EstimatorOptions):
         except TypeError as error:
             raise ValueError(f"estimators.{name}.options: {self.class_} says: {in_one_line(error)}") from error
         except BaseException as error:  # whatever a user's class does while it is made, sys.exit too
-            if isinstance(error, ValueError) and not self._lines(error):
+            if isinstance(error, ValueError) and not self.raised(error):
                 raise  # a block of ours says what is wrong with its arguments
             raise ValueError(self.blame(name, error)) from error
 
@@ -71,6 +71,10 @@ class Custom(EstimatorOptions):
         lines = self._lines(error)
         where = f" ({lines[-1][0]}, line {lines[-1][1]})" if lines else ""
         return f"estimators.{name}.class: {self.class_} failed with {in_one_line(error)}{where}"
+
+    def raised(self, error: BaseException) -> bool:
+        """Return whether an error was on its way through the class's file."""
+        return bool(self._lines(error))
 
     def _lines(self, error: BaseException) -> list[tuple[str, int | None]]:
         """Return where in the class's file an error was on its way, the innermost place last."""
