@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import importlib
+import sys
+import traceback
 from functools import reduce
 from operator import or_
+from pathlib import Path
 from typing import Any
 
-__all__ = ["ESTIMATORS", "estimator_options", "in_one_line", "locate"]
+__all__ = ["ESTIMATORS", "blamed", "estimator_options", "in_one_line", "lines_of", "locate"]
 
 ESTIMATORS: dict[str, str] = {
     "iekf": "systems.estimators.iekf:Iekf",
@@ -37,6 +40,20 @@ def in_one_line(error: BaseException) -> str:
     except Exception:  # the class of the error may be the user's, too
         text = ""
     return " ".join(f"{type(error).__name__}: {text}".split()).removesuffix(":")
+
+
+def lines_of(path: str, error: BaseException) -> list[tuple[str, int | None]]:
+    """Return where an error was on its way in the file of the class ``package.module:Class``, the innermost last."""
+    file = getattr(sys.modules.get(path.partition(":")[0]), "__file__", None)
+    frames = traceback.extract_tb(error.__traceback__)
+    return [(Path(file).name, frame.lineno) for frame in frames if file and frame.filename == file]
+
+
+def blamed(path: str, error: BaseException, method: str = "") -> str:
+    """Return in one line what a user's class (or a method of it) raised, and where in its file."""
+    lines = lines_of(path, error)
+    where = f" ({lines[-1][0]}, line {lines[-1][1]})" if lines else ""
+    return f"{path}{method and '.'}{method} failed with {in_one_line(error)}{where}"
 
 
 def locate(path: str) -> Any:

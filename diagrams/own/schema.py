@@ -15,7 +15,7 @@ from diagrams.own.movers import (
     Straight,
     Waypoints,
 )
-from diagrams.own.sensors import Altitude, Bearing, Fdoa, Frequency, Range, RangeRate, Tdoa
+from diagrams.own.sensors import Sensor
 from systems.documented import choice, documented, number
 from systems.estimators.options import EstimatorOptions
 from systems.registry import estimator_options
@@ -76,7 +76,7 @@ class Belief:
     motion: WhiteNoiseAcceleration | ConstantVelocity | Orbital = documented(
         "how the target moves", factory=WhiteNoiseAcceleration
     )
-    sensors: dict[str, Tdoa | Fdoa | Range | RangeRate | Frequency | Bearing | Altitude] = documented(
+    sensors: dict[str, Sensor] = documented(
         "sensors that are believed to be otherwise than they are, by name and in full", factory=dict
     )
     walk_hz2ps: float | None = number(
@@ -132,9 +132,7 @@ class OwnScenario:
     target: Fixed | Geodetic | Straight | Waypoints | GreatCircle | Kepler | PositionVelocity | RandomMotion = (
         documented("what is looked for", factory=Fixed)
     )
-    sensors: dict[str, Tdoa | Fdoa | Range | RangeRate | Frequency | Bearing | Altitude] = documented(
-        "what is measured, by name", factory=dict
-    )
+    sensors: dict[str, Sensor] = documented("what is measured, by name", factory=dict)
     oscillator: Oscillator | None = documented(
         "of the emitter, for !Frequency and !RangeRate; null: it has no error", None
     )

@@ -10,18 +10,20 @@ from typing import Any, cast
 
 from diagrams.assembly.bus import Bus
 from diagrams.errors import UserError, choose
+from diagrams.own.places import Places
 from diagrams.own.schema import OwnScenario
-from diagrams.own.sensors import Bearing, Places, Sensor, Tdoa
+from diagrams.own.sensors import Bearing, Sensor, Tdoa
 from diagrams.parts.impairment import Impaired, Mount
 from diagrams.sensor_errors import refuse
 from systems.clocks import Periodic
 from systems.measurement.base import MeasurementModel
 from systems.measurement.bearing import Bearing as BearingModel
+from systems.measurement.custom import CustomMeasurement
 from systems.measurement.differenced import Differenced
 from systems.measurement.visibility import ElevationMask
 from systems.plants.joined import Joined
 
-__all__ = ["NAME", "PlacedSensor", "Together", "impaired", "placed_sensors"]
+__all__ = ["NAME", "PlacedSensor", "Together", "differentiated", "impaired", "placed_sensors"]
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 """What a platform or a sensor may be called: rows and blocks are named after them."""
@@ -58,7 +60,7 @@ def placed_sensors(scenario: OwnScenario, places: Places) -> list[PlacedSensor]:
         raise UserError("sensors: none is given; at least one is needed")
     for name in scenario.belief.sensors:
         choose("belief.sensors", name, scenario.sensors)
-    found = []
+    found: list[PlacedSensor] = []
     for name, field in scenario.sensors.items():
         where = f"sensors.{name}"
         if field.minimum_elevation_deg is not None and scenario.frame != "earth_fixed":
@@ -69,14 +71,27 @@ def placed_sensors(scenario: OwnScenario, places: Places) -> list[PlacedSensor]:
             raise UserError(f"{where}.offset_s: {field.offset_s:g} is not allowed; at most duration_s")
         _check_name(name, where, scenario)
         real = _model(field, places, where)
-        other = scenario.belief.sensors.get(name)
-        believed = real if other is None else _model(other, places, f"belief.sensors.{name}")
+        assumed = scenario.belief.sensors.get(name)
+        believed = real if assumed is None else _model(assumed, places, f"belief.sensors.{name}")
         if list(believed.names) != list(real.names):
             raise UserError(
                 f"belief.sensors.{name}: rows {list(believed.names)} are not allowed; the sensor has {list(real.names)}"
             )
+        for other in found:
+            twice = [row for row in real.names if row in other.real.names]
+            if twice:
+                raise UserError(f"{where}: row {twice[0]} is not allowed; sensors.{other.name} has it already")
         found.append(PlacedSensor(name, field, real, believed))
     return found
+
+
+def differentiated(sensors: Sequence[PlacedSensor]) -> str:
+    """Return a note on the models that have no Jacobian of their own; empty where all have one."""
+    models = {one.name: one.believed for one in sensors}
+    names = [name for name, m in models.items() if isinstance(m, CustomMeasurement) and not m.has_jacobian]
+    if not names:
+        return ""
+    return f"Jacobian of {', '.join(names)}: central differences, as the class has none of its own."
 
 
 def _check_name(name: str, where: str, scenario: OwnScenario) -> None:

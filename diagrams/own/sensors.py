@@ -2,13 +2,13 @@
 
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from diagrams.errors import UserError, choose
-from diagrams.sensor_errors import SensorErrors
-from systems.documented import choice, documented, number, text
+from diagrams.errors import UserError
+from diagrams.own.custom import Custom
+from diagrams.own.places import Places, Timed
+from systems.documented import documented, number, text
 from systems.measurement.altitude import Altitude as AltitudeModel
 from systems.measurement.base import MeasurementModel
 from systems.measurement.bearing import Bearing as BearingModel
@@ -19,62 +19,12 @@ from systems.measurement.frequency import Frequency as FrequencyModel
 from systems.measurement.horizon import HorizonBearing
 from systems.measurement.range_rate import RangeRate as RangeRateModel
 from systems.measurement.tdoa import Tdoa as TdoaModel
-from systems.motion.gravity import GravityConstants
 
-__all__ = ["Altitude", "Bearing", "Fdoa", "Frequency", "Places", "Range", "RangeRate", "Sensor", "Tdoa"]
-
-
-@dataclass(frozen=True)
-class Places:
-    """What a sensor's model needs of its surroundings.
-
-    Attributes
-    ----------
-    platforms : mapping of str to int
-        Number of each platform by its name.
-    frame : str
-        The system's.
-    constants : GravityConstants
-        Of the Earth.
-    bias : int, optional
-        Which component of the state is the oscillator's error, where there is one.
-    """
-
-    platforms: Mapping[str, int]
-    frame: str
-    constants: GravityConstants
-    bias: int | None = None
-
-    def number(self, name: str, where: str) -> int:
-        """Return the number of a platform; a `UserError` names the field where there is none of that name."""
-        return self.platforms[choose(where, name, self.platforms)]
-
-    def numbers(self, names: Sequence[str], where: str, without: str = "") -> dict[str, int]:
-        """Return the numbers of platforms by name; of all but `without` where none is named."""
-        wanted = list(names) or [name for name in self.platforms if name != without]
-        if not wanted:
-            raise UserError(f"{where}: no platform is left; at least one is needed")
-        if len(set(wanted)) < len(wanted):
-            raise UserError(f"{where}: {wanted} is not allowed; a platform is named twice")
-        return {name: self.number(name, f"{where}.{i}") for i, name in enumerate(wanted)}
+__all__ = ["Altitude", "Bearing", "Custom", "Fdoa", "Frequency", "Places", "Range", "RangeRate", "Sensor", "Tdoa"]
 
 
 @dataclass
-class _Timed:
-    every_s: float = number("time between measurements [s]", 1.0, above=0)
-    offset_s: float = number("time of the first one [s]", 0.0, at_least=0)
-    minimum_elevation_deg: float | None = number(
-        "nothing is heard below this elevation [deg]; null: everything is, even through the Earth",
-        None,
-        at_least=-90,
-        at_most=89,
-    )
-    elevation_at: str = choice("whose horizon counts", "platform", ("platform", "target"))
-    errors: SensorErrors = documented("errors that the estimators do not know of", factory=SensorErrors)
-
-
-@dataclass
-class _Differenced(_Timed):
+class _Differenced(Timed):
     reference: str = text("platform that the others are compared with; empty: the first one")
     receivers: list[str] = documented("the others; empty: all but the reference", factory=list)
     correlated: bool = documented("errors of differences correlated through the reference", False)
@@ -126,7 +76,7 @@ class Fdoa(_Differenced):
 
 
 @dataclass
-class Range(_Timed):
+class Range(Timed):
     """Distances."""
 
     stations: list[str] = documented("platforms that measure; empty: all", factory=list)
@@ -141,7 +91,7 @@ class Range(_Timed):
 
 
 @dataclass
-class RangeRate(_Timed):
+class RangeRate(Timed):
     """Rates of the distances, positive away."""
 
     stations: list[str] = documented("platforms that measure; empty: all", factory=list)
@@ -156,7 +106,7 @@ class RangeRate(_Timed):
 
 
 @dataclass
-class Frequency(_Timed):
+class Frequency(Timed):
     """Received frequencies, less the carrier: Doppler and, where the scenario has one, the emitter's oscillator."""
 
     stations: list[str] = documented("platforms that measure; empty: all", factory=list)
@@ -172,7 +122,7 @@ class Frequency(_Timed):
 
 
 @dataclass
-class Bearing(_Timed):
+class Bearing(Timed):
     """Azimuth and elevation at one platform, in local axes or over its horizon."""
 
     platform: str = text("which one; empty: the first")
@@ -193,7 +143,7 @@ class Bearing(_Timed):
 
 
 @dataclass
-class Altitude(_Timed):
+class Altitude(Timed):
     """The target's height, as it reports it or as it is assumed: above the ellipsoid, or z in local axes."""
 
     sigma_m: float = number("standard deviation [m]", 30.0, above=0)
@@ -205,5 +155,5 @@ class Altitude(_Timed):
         return Component(2, self.sigma_m, "altitude", "m") if places.frame == "local" else AltitudeModel(self.sigma_m)
 
 
-Sensor = Tdoa | Fdoa | Range | RangeRate | Frequency | Bearing | Altitude
+Sensor = Tdoa | Fdoa | Range | RangeRate | Frequency | Bearing | Altitude | Custom
 """Whatever measures."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path as FilePath
 
@@ -15,9 +16,9 @@ from diagrams.errors import UserError, choose
 from diagrams.formation import gravity_constants
 from diagrams.own.movers import RandomMotion
 from diagrams.own.paths import Path, path_of
+from diagrams.own.places import Places
 from diagrams.own.schema import Given, OwnScenario, Prior
-from diagrams.own.sensing import NAME, PlacedSensor, Together, impaired, placed_sensors
-from diagrams.own.sensors import Places
+from diagrams.own.sensing import NAME, PlacedSensor, Together, differentiated, impaired, placed_sensors
 from diagrams.own.target import Target, spread_of, target_motion, true_motion, with_bias
 from diagrams.parts.impairment import KnownPlatforms
 from diagrams.parts.movers import Platforms
@@ -113,6 +114,7 @@ def declare(scenario: OwnScenario) -> Model:
         truth_states=motion.names,
         frame=frame,
         rows=rows,
+        note=differentiated(sensors),
     )
 
 
@@ -130,6 +132,9 @@ def own_system(path: FilePath) -> System:
     Parameters
     ----------
     path : Path
-        The file; what it says are the values of its scenario.
+        The file; what it says are the values of its scenario. A user's own classes are looked for beside it, too.
     """
+    folder = str(path.resolve().parent)
+    if folder not in sys.path:
+        sys.path.append(folder)
     return System(name=path.stem, title=f"declared in {path.name}", scenario=OwnScenario, declare=declare)

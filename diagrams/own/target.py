@@ -71,7 +71,7 @@ def true_motion(scenario: OwnScenario, believed: MotionModel) -> MotionModel | N
 
 
 def spread_of(scenario: OwnScenario, position: float, velocity: float, offset_hz: float) -> Array:
-    """Return the covariance of a state with these standard deviations per axis [m], [m/s], and of the oscillator [Hz]."""
+    """Return the covariance of a state: standard deviations per axis [m], [m/s], of the oscillator [Hz]."""
     sigmas = [position] * 3 + [velocity] * 3
     if scenario.oscillator is not None:
         sigmas.append(offset_hz * _metres_per_hertz(scenario.oscillator))

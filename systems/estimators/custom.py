@@ -1,9 +1,6 @@
 """A user's own estimator class, named by where it is."""
 
-import sys
-import traceback
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from systems.documented import documented, text
@@ -14,7 +11,7 @@ from systems.estimators.start import Start
 from systems.filters.gaussian import GaussianFilter
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
-from systems.registry import in_one_line, locate
+from systems.registry import blamed, in_one_line, lines_of, locate
 
 __all__ = ["Custom"]
 
@@ -68,16 +65,8 @@ class Custom(EstimatorOptions):
 
     def blame(self, name: str, error: BaseException) -> str:
         """Return in one line what the class raised, and where in its file."""
-        lines = self._lines(error)
-        where = f" ({lines[-1][0]}, line {lines[-1][1]})" if lines else ""
-        return f"estimators.{name}.class: {self.class_} failed with {in_one_line(error)}{where}"
+        return f"estimators.{name}.class: {blamed(self.class_, error)}"
 
     def raised(self, error: BaseException) -> bool:
         """Return whether an error was on its way through the class's file."""
-        return bool(self._lines(error))
-
-    def _lines(self, error: BaseException) -> list[tuple[str, int | None]]:
-        """Return where in the class's file an error was on its way, the innermost place last."""
-        file = getattr(sys.modules.get(self.class_.partition(":")[0]), "__file__", None)
-        frames = traceback.extract_tb(error.__traceback__)
-        return [(Path(file).name, frame.lineno) for frame in frames if file and frame.filename == file]
+        return bool(lines_of(self.class_, error))

@@ -23,6 +23,7 @@ from systems.measurement.altitude import Altitude
 from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.bearing import Bearing
 from systems.measurement.component import Component
+from systems.measurement.custom import CustomMeasurement
 from systems.measurement.direct_azimuth import DirectAzimuth
 from systems.measurement.direction import Direction, DirectionCosines
 from systems.measurement.distance import Range
@@ -187,6 +188,17 @@ def kinematics(rows=tuple(ROWS), **options):
     return RelativeKinematics({row: KINEMATICS[row] for row in rows}, **options)
 
 
+class Distance(Range):
+    """A range as a user may write it: without the Jacobian."""
+
+    def __init__(self):
+        super().__init__(5.0, [0])
+
+    def predict(self, target, platforms):
+        x, y, z = np.moveaxis(target[..., :3] - platforms[..., 0, :3], -1, 0)
+        return np.sqrt(x**2 + y**2 + z**2)[..., None]
+
+
 _STATIONS = {"receivers": (1, 2, 3, 4), "reference": 0}
 
 MEASUREMENTS = {
@@ -245,6 +257,9 @@ MEASUREMENTS = {
         "satellites",
     ),
     "position": (Position(5e3), "satellites"),
+    "custom": (CustomMeasurement(Range(5.0, [0, 1]), [3, 1]), "stations"),
+    "custom, by differences": (CustomMeasurement(Distance(), [2], has_jacobian=False), "stations"),
+    "custom, by differences, in orbit": (CustomMeasurement(Distance(), [1], has_jacobian=False), "satellites"),
 }
 """Every measurement model, in every option that changes its mathematics: model and geometry."""
 

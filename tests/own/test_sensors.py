@@ -1,0 +1,152 @@
+"""Sensors and starts of a system of one's own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from diagrams.errors import UserError
+from diagrams.own.system import own_system
+from diagrams.scenario import load, read_yaml
+from systems.signals import Draw, set_draw
+
+HERE = Path(__file__).parent
+
+LOCAL = """
+frame: local
+duration_s: 20
+platforms:
+  alpha: !Fixed {east_km: -8, north_km: -5, up_m: 30}
+  bravo: !Fixed {east_km: 9, north_km: -4, up_m: 120}
+  charlie: !Fixed {east_km: 1, north_km: 9, up_m: 60}
+  delta: !Fixed {east_km: 0, north_km: 0, up_m: 5}
+target: !Straight {position_km: [-2, 3, 1], velocity_mps: [40, 10, 0]}
+belief: {motion: !WhiteNoiseAcceleration {density_m2ps3: 1.0e-6}}
+start: !Prior {sigma_position_m: 300, sigma_velocity_mps: 5}
+estimators: {ekf: !Ekf {}}
+"""
+
+
+def declared(text, folder=HERE, trials=1):
+    """A system, its scenario and what is under construction."""
+    (file := Path(folder) / "mine.yaml").write_text(text)
+    system = own_system(file)
+    scenario = load(system.scenario, [read_yaml(file)])
+    builder = DiagramBuilder()
+    return builder, system.build(builder, scenario, list(scenario.estimators), trials)
+
+
+def end(text, folder, trials=50, name="ekf"):
+    """Errors (trials, 6) and covariances of an estimator at the end of a run."""
+    builder, assembly = declared(text, folder, trials)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    set_draw(diagram, context, Draw(0, 0))
+    simulator = Simulator(diagram, context)
+    simulator.Initialize()
+    simulator.AdvanceTo(assembly.duration)
+    block = assembly.estimators[name]
+
+    def read(port, owner):
+        return port.Eval(owner.GetMyContextFromRoot(context))
+
+    estimate = read(block.GetOutputPort("estimate"), block).reshape(trials, -1)
+    truth = read(assembly.truth, assembly.truth.get_system()).reshape(-1, estimate.shape[1])
+    covariance = read(block.GetOutputPort("covariance"), block).reshape(trials, *estimate.shape[1:] * 2)
+    return estimate - truth, covariance
+
+
+def nees(error, covariance):
+    return np.mean(np.einsum("ti,tij,tj->t", error, np.linalg.inv(covariance), error)) / error.shape[1]
+
+
+# ------------------------------------------------------------------------------------------------- !Custom
+
+MODEL = """\
+import numpy as np
+from systems.measurement.base import MeasurementModel
+
+
+class Ranges(MeasurementModel):
+    def __init__(self, sigma_m=10.0, stations=2):
+        self.sigma = sigma_m
+        self.names = tuple(f"distance_{i}" for i in range(stations))
+        self.units = ("m",) * stations
+
+    def predict(self, target, platforms):
+        offset = target[..., None, :3] - platforms[..., :3]
+        return np.sqrt((offset**2).sum(axis=-1))
+
+    def noise_covariance(self):
+        return self.sigma**2 * np.eye(self.size)
+
+
+class Flat(Ranges):
+    def predict(self, target, platforms):
+        return super().predict(target, platforms)[..., 0]
+
+
+class Broken(Ranges):
+    def predict(self, target, platforms):
+        raise ZeroDivisionError("nothing here")
+
+
+class Bare:
+    names = ("a",)
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("own")
+    (place / "my_sensor_models.py").write_text(MODEL)
+    return place
+
+
+def custom(kind, options="{}", platforms="[alpha, charlie]"):
+    entry = f"{{class: 'my_sensor_models:{kind}', options: {options}, platforms: {platforms}}}"
+    return LOCAL + f"sensors:\n  own: !Custom {entry}\n  height: !Altitude {{}}\n"
+
+
+def test_a_model_of_ones_own_without_a_jacobian_is_the_built_in_one(folder):
+    ours = LOCAL + "sensors:\n  own: !Range {stations: [alpha, charlie], sigma_m: 12}\n  height: !Altitude {}\n"
+    expected, expected_covariance = end(ours, folder)
+    error, covariance = end(custom("Ranges", "{sigma_m: 12.0}"), folder)
+    # the differences' own error, 1e-8 of the gradient, over 20 updates
+    np.testing.assert_allclose(error, expected, atol=1e-4)
+    np.testing.assert_allclose(covariance, expected_covariance, rtol=1e-5, atol=1e-5)
+
+
+def test_differences_are_said_once(folder):
+    _, assembly = declared(custom("Ranges"), folder)
+    assert assembly.note == "Jacobian of own: central differences, as the class has none of its own."
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "words"),
+    [
+        ("Ranges", "{stations: 3}", r"Ranges.predict: an array of shape \(1, 2\) is not allowed .*; \(1, 3\)"),
+        ("Flat", "{}", r"Flat.predict: an array of shape \(1,\) is not allowed .*; \(1, 2\)"),
+        (
+            "Broken",
+            "{}",
+            r"Broken.predict failed with ZeroDivisionError: nothing here \(my_sensor_models.py, line 26\)",
+        ),
+        ("Bare", "{}", r"my_sensor_models:Bare is not allowed; a subclass of"),
+        ("Ranges", "{sigma: 1.0}", r"options: my_sensor_models:Ranges says: TypeError"),
+        ("Ranges", "{sigma_m: 0.0}", r"Ranges.noise_covariance: it must be symmetric and finite"),
+        ("Rangs", "{}", r"module my_sensor_models has no Rangs"),
+    ],
+)
+def test_a_model_that_is_wrong_is_refused_by_name(folder, kind, options, words):
+    with pytest.raises(UserError, match=r"sensors\.own[.:].*" + words) as caught:
+        end(custom(kind, options), folder, 1)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_row_that_two_sensors_have_is_refused(folder):
+    text = LOCAL + "sensors:\n  one: !Altitude {}\n  two: !Altitude {every_s: 2}\n"
+    with pytest.raises(UserError, match=r"sensors.two: row altitude is not allowed; sensors.one has it already"):
+        declared(text, folder)
