@@ -12,6 +12,7 @@ import math
 import types
 import typing
 from collections.abc import Iterable, Mapping
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,17 @@ def read_yaml(source: Path | str, what: str = "scenario file") -> dict[str, Any]
         return {}
     if not isinstance(data, dict):
         raise UserError(f"{what}: {where} holds {type(data).__name__}; a mapping is needed")
-    return data
+    dated: dict[str, Any] = _dates_as_text(data)
+    return dated
+
+
+def _dates_as_text(data: Any) -> Any:
+    """Return data whose dates, which YAML reads without being asked to, are texts again (ISO 8601)."""
+    if isinstance(data, Mapping):
+        return {key: _dates_as_text(value) for key, value in data.items()}
+    if isinstance(data, list):
+        return [_dates_as_text(item) for item in data]
+    return data.isoformat() if isinstance(data, date) else data
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

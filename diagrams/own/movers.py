@@ -3,7 +3,8 @@
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 from dataclasses import dataclass
 
-from systems.documented import documented, number
+from diagrams import launch
+from systems.documented import documented, number, text
 
 __all__ = [
     "Fixed",
@@ -13,7 +14,11 @@ __all__ = [
     "Mover",
     "PositionVelocity",
     "RandomMotion",
+    "Rocket",
+    "Sp3",
     "Straight",
+    "Tle",
+    "Track",
     "Waypoints",
 ]
 
@@ -46,10 +51,15 @@ class Straight:
 
 @dataclass
 class Waypoints:
-    """Flies by waypoints in local axes, at constant height and speed, with turns of constant rate."""
+    """Flies by waypoints at constant height and speed, with turns of constant rate.
 
-    points_km: list[list[float]] = documented("x (east) and y (north) of each waypoint [km]", factory=list)
-    height_m: float = number("z [m]", 0.0)
+    Over the ellipsoid the legs are great circles; speed and turn rate are those at the first waypoint, and within 1 %
+    afterwards.
+    """
+
+    points_km: list[list[float]] = documented("local axes: x (east) and y (north) of each [km]", factory=list)
+    points_deg: list[list[float]] = documented("else: geodetic latitude and longitude of each [deg]", factory=list)
+    height_m: float = number("z, or height above the ellipsoid [m]", 0.0, at_least=-500)
     speed_mps: float = number("speed [m/s]", 50.0, above=0)
     turn_rate_degps: float = number("rate of the turns [deg/s]", 3.0, above=0)
 
@@ -86,15 +96,64 @@ class PositionVelocity:
 
 
 @dataclass
+class Tle:
+    """A satellite by two-line elements (SGP4), from the scenario's start_utc on.
+
+    The inertial axes are true-equator, mean-equinox ones (TEME) turned by Greenwich mean sidereal time at start_utc.
+    """
+
+    line_1: str = text("first line, of 69 characters")
+    line_2: str = text("second line, of 69 characters")
+
+
+@dataclass
+class Sp3:
+    """A satellite by its precise orbit in an SP3 file."""
+
+    file: str = text("path, relative to the scenario's file")
+    satellite: str = text("such as G05 or L27; empty: the only one in the file")
+    start_s: float | None = number(
+        "t = 0 is so long after the first epoch of the file [s]; null: at start_utc, or at that epoch without one",
+        None,
+        at_least=0,
+    )
+
+
+@dataclass
+class Track:
+    """A recorded track: a CSV file whose first line names the columns.
+
+    time_s [s], or time (ISO 8601; t = 0 is start_utc, or the first one of the file without it); x_m, y_m, z_m in the
+    axes of the frame and, if known, vx_mps, vy_mps, vz_mps; or latitude_deg, longitude_deg, height_m on the ellipsoid.
+    Between the samples it is a cubic Hermite spline.
+    """
+
+    file: str = text("path, relative to the scenario's file")
+
+
+@dataclass
+class Rocket(launch.Rocket):
+    """A rocket that lifts off at t = 0 from the ellipsoid.
+
+    It flies about a sphere that has the Earth's centre, axis and rotation and passes through the site. Its "up" at the
+    site is away from the Earth's centre, at most 0.19 deg off the vertical of the ellipsoid, and the height that it
+    meets air and ground at is above that sphere: off the height above the ellipsoid by 0 at the site and up to 3.4 m
+    per km flown north or south, at a latitude of 45 deg.
+    """
+
+    latitude_deg: float = number("geodetic latitude of the site [deg]", 0.0, at_least=-90, at_most=90)
+    longitude_deg: float = number("longitude of the site [deg]", 0.0)
+    azimuth_deg: float = number("launch azimuth, clockwise from north [deg]", 90.0)
+
+
+Mover = Fixed | Geodetic | Straight | Waypoints | GreatCircle | Kepler | PositionVelocity | Tle | Sp3 | Track | Rocket
+"""Whatever has a path of its own."""
+
+
+@dataclass
 class RandomMotion:
     """Starts at random about another mover and goes on by the motion that the estimators believe in."""
 
-    start: Fixed | Geodetic | Straight | Waypoints | GreatCircle | Kepler | PositionVelocity = documented(
-        "where the mean of its state is at t = 0", factory=Fixed
-    )
+    start: Mover = documented("where the mean of its state is at t = 0", factory=Fixed)
     sigma_position_m: float = number("standard deviation of the position per axis [m]", 0.0, at_least=0)
     sigma_velocity_mps: float = number("standard deviation of the velocity per axis [m/s]", 0.0, at_least=0)
-
-
-Mover = Fixed | Geodetic | Straight | Waypoints | GreatCircle | Kepler | PositionVelocity
-"""Whatever has a path of its own."""

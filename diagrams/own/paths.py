@@ -10,11 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.errors import UserError
-from diagrams.own.movers import Fixed, Geodetic, GreatCircle, Kepler, Mover, PositionVelocity, Straight, Waypoints
+from diagrams.own.flight import rocket_path
+from diagrams.own.movers import (
+    Fixed,
+    Geodetic,
+    GreatCircle,
+    Kepler,
+    Mover,
+    PositionVelocity,
+    Rocket,
+    Sp3,
+    Straight,
+    Tle,
+    Track,
+    Waypoints,
+)
+from diagrams.own.records import Setting, sp3_path, tle_path, track_path
 from systems.frames import earth_fixed_to_inertial, geodetic_state, inertial_to_earth_fixed
 from systems.motion.gravity import GravityConstants
 from systems.motion.great_circle import great_circle
 from systems.motion.kepler import KeplerElements, state_of
+from systems.motion.level_waypoints import LevelWaypointPath
 from systems.motion.waypoints import WaypointPath
 from systems.plants.orbit import DenseOrbit
 
@@ -25,15 +41,17 @@ Path = Callable[[float], Array]
 
 _KM = 1e3
 
+_EARTH = (Geodetic, GreatCircle, Waypoints, Rocket, Kepler, PositionVelocity, Tle, Sp3, Track)
+
 ALLOWED: dict[str, tuple[type, ...]] = {
-    "local": (Fixed, Straight, Waypoints),
-    "earth_fixed": (Geodetic, GreatCircle, Straight, Kepler, PositionVelocity),
-    "inertial": (Kepler, PositionVelocity, Geodetic, GreatCircle),
+    "local": (Fixed, Straight, Waypoints, Track),
+    "earth_fixed": (*_EARTH, Straight),
+    "inertial": _EARTH,
 }
 """What there is in each frame."""
 
 
-def path_of(mover: Mover, frame: str, duration: float, constants: GravityConstants, where: str) -> Path:
+def path_of(mover: Mover, frame: str, setting: Setting, constants: GravityConstants, where: str) -> Path:
     """Return the state (6,) of a mover as a function of time [s], in the axes of the frame.
 
     Parameters
@@ -41,8 +59,8 @@ def path_of(mover: Mover, frame: str, duration: float, constants: GravityConstan
     mover : Mover
         The scenario's field.
     frame : {'local', 'earth_fixed', 'inertial'}
-    duration : float
-        Orbits are solved until then [s].
+    setting : Setting
+        Length of a run, its date, and where files are.
     constants : GravityConstants
         J2 of 0: two bodies.
     where : str
@@ -57,7 +75,7 @@ def path_of(mover: Mover, frame: str, duration: float, constants: GravityConstan
         kinds = ", ".join(f"!{kind.__name__}" for kind in ALLOWED[frame])
         raise UserError(f"{where}: !{type(mover).__name__} is not allowed in frame {frame}; {kinds}")
     try:
-        native, axes = _native(mover, duration, constants, where)
+        native, axes = _native(mover, frame, setting, constants, where)
     except UserError:
         raise
     except ValueError as error:
@@ -70,8 +88,20 @@ def path_of(mover: Mover, frame: str, duration: float, constants: GravityConstan
     return lambda t: earth_fixed_to_inertial(native(t), t, rate)
 
 
-def _native(mover: Mover, duration: float, constants: GravityConstants, where: str) -> tuple[Path, str]:
+def _native(mover: Mover, frame: str, setting: Setting, constants: GravityConstants, where: str) -> tuple[Path, str]:
     """Return a path and the axes that it is in."""
+    if isinstance(mover, Tle):
+        return tle_path(mover, setting, where), "inertial"
+    if isinstance(mover, Sp3):
+        return sp3_path(mover, setting, constants.earth_rate, where), "inertial"
+    if isinstance(mover, Track):
+        return track_path(mover, setting, frame, where)
+    if isinstance(mover, Rocket):
+        return rocket_path(mover, setting.duration, constants, where), "earth_fixed"
+    if isinstance(mover, Waypoints):
+        return _way(mover, frame, where)
+    if isinstance(mover, Kepler | PositionVelocity):
+        return _orbit(mover, setting.duration, constants, where), "inertial"
     if isinstance(mover, Fixed):
         place = np.array([mover.east_km * _KM, mover.north_km * _KM, mover.up_m, 0.0, 0.0, 0.0])
         return lambda t: place, "local"
@@ -83,20 +113,36 @@ def _native(mover: Mover, duration: float, constants: GravityConstants, where: s
             ]
         )
         return lambda t: begin + t * np.concatenate([begin[3:], np.zeros(3)]), "any"
-    if isinstance(mover, Waypoints):
-        points = [_KM * _numbers(p, 2, f"{where}.points_km.{i}") for i, p in enumerate(mover.points_km)]
-        if len(points) < 2:
-            raise UserError(f"{where}.points_km: {len(points)} are given; at least 2 are needed")
-        way = WaypointPath(np.array(points), mover.speed_mps, math.radians(mover.turn_rate_degps), mover.height_m)
+    course, speed = (mover.course_deg, mover.speed_mps) if isinstance(mover, GreatCircle) else (0.0, 0.0)
+    angles = math.radians(mover.latitude_deg), math.radians(mover.longitude_deg)
+    begin = geodetic_state(*angles, mover.height_m, math.radians(course), speed)
+    if speed == 0:
+        return lambda t: begin, "earth_fixed"
+    circle = great_circle(begin)
+    return lambda t: circle.state(t), "earth_fixed"
+
+
+def _way(mover: Waypoints, frame: str, where: str) -> tuple[Path, str]:
+    """Return a path by waypoints: plane ones in local axes, else on the ellipsoid."""
+    field, other = ("points_km", "points_deg") if frame == "local" else ("points_deg", "points_km")
+    if getattr(mover, other):
+        raise UserError(f"{where}.{other}: it is not allowed in frame {frame}; {field}")
+    points = [_numbers(point, 2, f"{where}.{field}.{i}") for i, point in enumerate(getattr(mover, field))]
+    if len(points) < 2:
+        raise UserError(f"{where}.{field}: {len(points)} are given; at least 2 are needed")
+    turn = math.radians(mover.turn_rate_degps)
+    if frame == "local":
+        way = WaypointPath(_KM * np.array(points), mover.speed_mps, turn, mover.height_m)
         return lambda t: way.at(t), "local"
-    if isinstance(mover, Geodetic | GreatCircle):
-        course, speed = (mover.course_deg, mover.speed_mps) if isinstance(mover, GreatCircle) else (0.0, 0.0)
-        angles = math.radians(mover.latitude_deg), math.radians(mover.longitude_deg)
-        begin = geodetic_state(*angles, mover.height_m, math.radians(course), speed)
-        if speed == 0:
-            return lambda t: begin, "earth_fixed"
-        circle = great_circle(begin)
-        return lambda t: circle.state(t), "earth_fixed"
+    for i, (latitude, _) in enumerate(points):
+        if abs(latitude) > 90:
+            raise UserError(f"{where}.points_deg.{i}: latitude {latitude:g} is not allowed; -90 to 90")
+    latitude, longitude = np.radians(points).T
+    level = LevelWaypointPath(latitude, longitude, mover.height_m, mover.speed_mps, turn)
+    return level.at, "earth_fixed"
+
+
+def _orbit(mover: Kepler | PositionVelocity, duration: float, constants: GravityConstants, where: str) -> Path:
     if isinstance(mover, Kepler):
         angles_deg = mover.inclination_deg, mover.raan_deg, mover.argument_of_perigee_deg, mover.true_anomaly_deg
         elements = KeplerElements(
@@ -104,12 +150,11 @@ def _native(mover: Mover, duration: float, constants: GravityConstants, where: s
         )
         state = state_of(elements, constants.mu)
     else:
-        assert isinstance(mover, PositionVelocity)
         state = _KM * np.concatenate(
             [_three(mover.position_km, f"{where}.position_km"), _three(mover.velocity_kmps, f"{where}.velocity_kmps")]
         )
     orbit = DenseOrbit(state[None], duration, constants=constants, j2=constants.j2 != 0, name=where)
-    return lambda t: orbit.at(t)[0], "inertial"
+    return lambda t: orbit.at(t)[0]
 
 
 def _three(value: Sequence[float], where: str) -> Array:

@@ -5,16 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Union
 
 from diagrams.formation import Constants
-from diagrams.own.movers import (
-    Fixed,
-    Geodetic,
-    GreatCircle,
-    Kepler,
-    PositionVelocity,
-    RandomMotion,
-    Straight,
-    Waypoints,
-)
+from diagrams.own.movers import Fixed, Mover, RandomMotion
 from diagrams.own.sensors import Sensor
 from systems.documented import choice, documented, number
 from systems.estimators.options import EstimatorOptions
@@ -97,9 +88,7 @@ class Prior:
 class Given:
     """The same estimate in every trial."""
 
-    at: Fixed | Geodetic | Straight | Waypoints | GreatCircle | Kepler | PositionVelocity = documented(
-        "where it says that the target is at t = 0", factory=Fixed
-    )
+    at: Mover = documented("where it says that the target is at t = 0", factory=Fixed)
     sigma_position_m: float = number("standard deviation of the position per axis [m]", 1000.0, above=0)
     sigma_velocity_mps: float = number("standard deviation of the velocity per axis [m/s]", 50.0, above=0)
     sigma_offset_hz: float = number("standard deviation of the oscillator's error, taken as 0 [Hz]", 1000.0, above=0)
@@ -122,16 +111,13 @@ class OwnScenario:
         "local",
         ("local", "earth_fixed", "inertial"),
     )
+    start_utc: str | None = documented("date and time of t = 0, ISO 8601, UTC or with its offset; !Tle needs it", None)
     duration_s: float = number("length of a run [s]", 100.0, above=0)
     divergence_m: float = number("a trial further off than this at the end has diverged [m]", 50e3, above=0)
     constants: Constants = documented("physical constants", factory=Constants)
-    platforms: dict[str, Fixed | Geodetic | Straight | Waypoints | GreatCircle | Kepler | PositionVelocity] = (
-        documented("what carries the sensors, by name", factory=dict)
-    )
+    platforms: dict[str, Mover] = documented("what carries the sensors, by name", factory=dict)
     platform_errors: PlatformErrors = documented("how well the platforms are known", factory=PlatformErrors)
-    target: Fixed | Geodetic | Straight | Waypoints | GreatCircle | Kepler | PositionVelocity | RandomMotion = (
-        documented("what is looked for", factory=Fixed)
-    )
+    target: Mover | RandomMotion = documented("what is looked for", factory=Fixed)
     sensors: dict[str, Sensor] = documented("what is measured, by name", factory=dict)
     oscillator: Oscillator | None = documented(
         "of the emitter, for !Frequency and !RangeRate; null: it has no error", None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -14,9 +15,10 @@ from diagrams.assembly.model import Assumed, Model, Part
 from diagrams.assembly.system import System
 from diagrams.errors import UserError, choose
 from diagrams.formation import gravity_constants
-from diagrams.own.movers import RandomMotion
+from diagrams.own.movers import Mover, RandomMotion, Tle
 from diagrams.own.paths import Path, path_of
 from diagrams.own.places import Places
+from diagrams.own.records import Setting, old_elements
 from diagrams.own.schema import Given, OwnScenario, Prior
 from diagrams.own.sensing import NAME, PlacedSensor, Together, differentiated, impaired, placed_sensors
 from diagrams.own.target import Target, spread_of, target_motion, true_motion, with_bias
@@ -62,12 +64,17 @@ def _check_seen(scenario: OwnScenario, sensors: Sequence[PlacedSensor], target: 
             )
 
 
-def declare(scenario: OwnScenario) -> Model:
-    """Return platforms, target, sensors and what the estimators are given; see `diagrams.assembly`."""
+def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
+    """Return platforms, target, sensors and what the estimators are given; see `diagrams.assembly`.
+
+    Paths in the scenario are relative to the folder.
+    """
     if not scenario.platforms:
         raise UserError("platforms: none is given; at least one is needed")
     constants, frame, duration = gravity_constants(scenario.constants), scenario.frame, scenario.duration_s
-    paths = [path_of(m, frame, duration, constants, f"platforms.{n}") for n, m in scenario.platforms.items()]
+    setting = Setting(duration, scenario.start_utc, folder)
+    setting.began()
+    paths = [path_of(m, frame, setting, constants, f"platforms.{n}") for n, m in scenario.platforms.items()]
     numbers = {name: i for i, name in enumerate(scenario.platforms)}
     for name in numbers:
         if not NAME.fullmatch(name):
@@ -78,7 +85,7 @@ def declare(scenario: OwnScenario) -> Model:
     flight = target_motion(scenario)
     motion = with_bias(scenario, flight, scenario.belief.walk_hz2ps)
     mover = scenario.target.start if isinstance(scenario.target, RandomMotion) else scenario.target
-    path = path_of(mover, frame, duration, constants, "target")
+    path = path_of(mover, frame, setting, constants, "target")
 
     def carriers(t: float) -> Array:
         return np.concatenate([one(t) for one in paths])
@@ -90,7 +97,7 @@ def declare(scenario: OwnScenario) -> Model:
     start: Start = PortStart(spread)
     if isinstance(began, Given):
         mean = np.zeros(motion.size)
-        mean[:6] = path_of(began.at, frame, duration, constants, "start.at")(0.0)
+        mean[:6] = path_of(began.at, frame, setting, constants, "start.at")(0.0)
         start = GivenStart(mean, spread)
 
     def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
@@ -114,8 +121,15 @@ def declare(scenario: OwnScenario) -> Model:
         truth_states=motion.names,
         frame=frame,
         rows=rows,
-        note=differentiated(sensors),
+        note=" ".join(note for note in (differentiated(sensors), _note(scenario, mover, setting)) if note),
     )
+
+
+def _note(scenario: OwnScenario, target: Mover, setting: Setting) -> str:
+    """Return what is doubtful about the movers."""
+    movers = {**{f"platforms.{name}": one for name, one in scenario.platforms.items()}, "target": target}
+    notes = [old_elements(one, setting, where) for where, one in movers.items() if isinstance(one, Tle)]
+    return " ".join(note for note in notes if note)
 
 
 def _prior(spread: Array) -> Part:
@@ -134,7 +148,8 @@ def own_system(path: FilePath) -> System:
     path : Path
         The file; what it says are the values of its scenario. A user's own classes are looked for beside it, too.
     """
-    folder = str(path.resolve().parent)
-    if folder not in sys.path:
-        sys.path.append(folder)
-    return System(name=path.stem, title=f"declared in {path.name}", scenario=OwnScenario, declare=declare)
+    folder = path.resolve().parent
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))
+    of_file = partial(declare, folder=folder)
+    return System(name=path.stem, title=f"declared in {path.name}", scenario=OwnScenario, declare=of_file)

@@ -15,7 +15,7 @@ from systems.frames import (
     enu_rotation,
 )
 
-__all__ = ["GreatCirclePath", "great_circle", "straight_line"]
+__all__ = ["GreatCirclePath", "great_circle", "level_state", "straight_line"]
 
 Array = NDArray[np.float64]
 
@@ -82,9 +82,7 @@ class GreatCirclePath:
             Earth-fixed position [m] and velocity [m/s].
         """
         n, dn, _ = self._turned(time)
-        g, dg, _ = _curvature(n, dn)
-        h = self.height[..., None]
-        return np.concatenate([_squash(n) * g + h * n, _squash(dn * g + n * dg) + h * dn], axis=-1)
+        return level_state(n, dn, self.height)
 
     def acceleration(self, time: ArrayLike) -> Array:
         """Return the acceleration relative to the Earth-fixed axes.
@@ -145,6 +143,21 @@ def great_circle(start: ArrayLike) -> GreatCirclePath:
     rate = np.linalg.norm(turn, axis=-1)
     tangent = turn / np.where(rate > 0, rate, 1.0)[..., None]
     return GreatCirclePath(axes[..., 2, :], tangent, rate, height)
+
+
+def level_state(normal: Array, rate: Array, height: Array) -> Array:
+    """Return Earth-fixed states (..., 6) of what keeps its height above the ellipsoid.
+
+    Parameters
+    ----------
+    normal, rate : ndarray, shape (..., 3)
+        Normal of the ellipsoid below it, and its time derivative [1/s].
+    height : ndarray, shape (...)
+        [m]
+    """
+    g, dg, _ = _curvature(normal, rate)
+    h = height[..., None]
+    return np.concatenate([_squash(normal) * g + h * normal, _squash(rate * g + normal * dg) + h * rate], axis=-1)
 
 
 def _squash(vector: Array) -> Array:

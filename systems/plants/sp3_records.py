@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Records", "elapsed", "read_records"]
+__all__ = ["Records", "elapsed", "in_utc", "read_records"]
 
 Array = NDArray[np.float64]
 
@@ -47,6 +47,18 @@ def elapsed(epochs: list[datetime], time_system: str) -> Array:
     """Return the seconds since the first epoch; leap seconds count in UTC and in GLONASS time, which follows it."""
     passed = [leap for leap in _LEAP_SECONDS if epochs[0] < leap <= epochs[-1] and time_system in ("UTC", "GLO")]
     return np.array([(epoch - epochs[0]).total_seconds() + sum(leap <= epoch for leap in passed) for epoch in epochs])
+
+
+_AHEAD_OF_GPS = {"GPS": 0, "GAL": 0, "QZS": 0, "IRN": 0, "TAI": 19, "BDT": -14}  # s
+
+
+def in_utc(epoch: datetime, time_system: str) -> datetime:
+    """Return an epoch in UTC; GLONASS time is UTC in these files, and GPS was level with it in 1980."""
+    if time_system not in _AHEAD_OF_GPS:
+        return epoch
+    gps = epoch - timedelta(seconds=_AHEAD_OF_GPS[time_system])
+    passed = sum(leap + timedelta(seconds=i) <= gps for i, leap in enumerate(sorted(_LEAP_SECONDS), 1))
+    return gps - timedelta(seconds=passed)
 
 
 def read_records(path: Path, lines: list[str], satellite: str, expected: int) -> Records:

@@ -1,0 +1,294 @@
+"""Paths from what others have determined: two-line elements, precise orbits, recorded tracks."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path as FilePath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagrams.doptrack_data import teme_to_earth_fixed
+from diagrams.errors import UserError
+from diagrams.instants import instant
+from diagrams.own.movers import Sp3, Tle, Track
+from systems.files import Unreadable, read_text, regular_size
+from systems.frames import earth_fixed_to_inertial, geodetic_to_ecef
+from systems.plants.recorded import RecordedTruth, hermite
+from systems.plants.sp3 import PreciseOrbit, read_sp3
+from systems.plants.sp3_records import in_utc
+
+__all__ = ["Setting", "old_elements", "sp3_path", "tle_path", "track_path"]
+
+Array = NDArray[np.float64]
+Path = Callable[[float], Array]
+
+_DAY = 86400.0
+_UNIX = 2440587.5  # Julian date of 1970, the zero of `instant`
+_LENGTH = 69
+_NOTED, _OLDEST = 3.0, 30.0  # days between the epoch of elements and the start: SGP4 is off by 1 to 3 km per day
+_PLACES = (("x_m", "y_m", "z_m"), ("latitude_deg", "longitude_deg", "height_m"))
+_VELOCITY = ("vx_mps", "vy_mps", "vz_mps")
+_FARTHEST = 1e10  # m, deg, m/s
+
+
+@dataclass(frozen=True)
+class Setting:
+    """When and where records are read for.
+
+    Attributes
+    ----------
+    duration : float
+        Length of a run [s].
+    start : str, optional
+        Date and time of t = 0.
+    folder : Path
+        What relative paths are relative to.
+    """
+
+    duration: float
+    start: str | None
+    folder: FilePath
+
+    def began(self) -> tuple[int, float] | None:
+        """Return t = 0 as seconds since 1970, whole and rest; None without a date."""
+        if self.start is None:
+            return None
+        try:
+            return instant(self.start)
+        except ValueError as error:
+            raise UserError(f"start_utc: {error}") from error
+
+
+def _age(elements: Tle, setting: Setting, where: str) -> float:
+    """Return how many days after their epoch the run begins; negative: before."""
+    began = setting.began()
+    if began is None:
+        raise UserError(f"start_utc: null is not allowed with !Tle ({where}); such as 2026-03-01T12:00:00Z")
+    satellite = _satellite(elements, where)
+    epoch = (satellite.jdsatepoch - _UNIX) * _DAY + satellite.jdsatepochF * _DAY
+    return (began[0] + began[1] - epoch) / _DAY
+
+
+def old_elements(elements: Tle, setting: Setting, where: str) -> str:
+    """Return what a reader of the results must know of the age of elements; empty: nothing."""
+    age = _age(elements, setting, where)
+    if abs(age) <= _NOTED:
+        return ""
+    return f"{where}: epoch {abs(age):.1f} days {'before' if age > 0 else 'after'} start_utc (SGP4: km per day)."
+
+
+def _satellite(elements: Tle, where: str):  # type: ignore[no-untyped-def]
+    from sgp4.api import Satrec
+
+    lines = elements.line_1.rstrip(), elements.line_2.rstrip()
+    for i, line in enumerate(lines, 1):
+        field = f"{where}.line_{i}"
+        if len(line) != _LENGTH:
+            raise UserError(f"{field}: {len(line)} characters are not allowed; {_LENGTH}")
+        if not line.isascii() or line[:2] != f"{i} ":
+            raise UserError(f"{field}: {line[:10]!r}... is not allowed; it begins with '{i} '")
+        sum_ = sum(int(c) if c.isdecimal() else c == "-" for c in line[:-1]) % 10
+        if line[-1] != str(sum_):
+            raise UserError(f"{field}: checksum {line[-1]} is not allowed; that of the line is {sum_}")
+    if lines[0][2:7] != lines[1][2:7]:
+        first, second = (line[2:7].strip() for line in lines)
+        raise UserError(f"{where}.line_2: catalogue number {second} is not allowed; line_1 has {first}")
+    try:
+        satellite = Satrec.twoline2rv(*lines)
+    except ValueError as error:
+        raise UserError(f"{where}: the lines cannot be read ({' '.join(str(error).split())})") from error
+    if satellite.error:
+        raise UserError(f"{where}: SGP4 refuses these elements (error {satellite.error})")
+    return satellite
+
+
+def tle_path(elements: Tle, setting: Setting, where: str) -> Path:
+    """Return a satellite's inertial state as a function of time.
+
+    The axes of SGP4 (TEME) are turned once, by Greenwich mean sidereal time at t = 0 (UTC for UT1); from then on the
+    Earth turns at its constant rate, as everywhere. Mean sidereal time runs faster by 1.2e-7 of that: 5 m in a day at
+    7000 km, where SGP4 itself is off by kilometres. Its velocity is not quite the derivative of its position: off by
+    0.02 m/s in a near-circular low orbit, by 1.2 m/s at an eccentricity of 0.19.
+
+    Raises
+    ------
+    UserError
+        For lines that cannot be, an epoch too far from the start, and elements that do not last until the end.
+    """
+    satellite, age, began = _satellite(elements, where), _age(elements, setting, where), setting.began()
+    assert began is not None
+    if abs(age) > _OLDEST:
+        raise UserError(
+            f"{where}.line_1: epoch {abs(age):.1f} days {'before' if age > 0 else 'after'} start_utc is not allowed; "
+            f"at most {_OLDEST:g}"
+        )
+    day, second = divmod(began[0], int(_DAY))
+    whole, part = _UNIX + day, (second + began[1]) / _DAY
+
+    def at(t: float) -> Array:
+        code, position, velocity = satellite.sgp4(whole, part + t / _DAY)
+        if code:
+            return np.full(6, np.nan)
+        state = teme_to_earth_fixed(1e3 * np.array(position), 1e3 * np.array(velocity), np.array(whole + part))
+        return earth_fixed_to_inertial(state, 0.0)
+
+    for t in (0.0, setting.duration):
+        code = satellite.sgp4(whole, part + t / _DAY)[0]
+        if code:
+            raise UserError(f"{where}: SGP4 cannot tell where it is at {t:g} s (error {code})")
+    return at
+
+
+@lru_cache(maxsize=32)
+def _orbit(path: FilePath, satellite: str, stamp: tuple[int, int]) -> PreciseOrbit:
+    """Read a file once for all diagrams of a run; `stamp` tells another version of it."""
+    return read_sp3(path, satellite or None)
+
+
+def sp3_path(field: Sp3, setting: Setting, earth_rate: float, where: str) -> Path:
+    """Return a satellite's inertial state as a function of time, from a precise orbit.
+
+    Raises
+    ------
+    UserError
+        If the file cannot be read, or does not cover the run.
+    """
+    path = _file(field.file, setting, where)
+    try:
+        size = regular_size(path)
+        orbit = _orbit(path, field.satellite, (path.stat().st_mtime_ns, size))
+        start = _sp3_start(field, orbit, setting)
+        if start < 0 or orbit.times[-1] < start + setting.duration:
+            raise ValueError(
+                f"a run from {start:g} to {start + setting.duration:g} s after the first epoch is not allowed; "
+                f"{path.name} has 0 to {orbit.times[-1]:g} s"
+            )
+        # From the last sample before the start: the first one after it is too late.
+        before = float(orbit.times[int(np.searchsorted(orbit.times, start, side="right")) - 1])
+        times, states = orbit.inertial(before, earth_rate)
+    except ValueError as error:
+        raise UserError(f"{where}.file: {error}") from error
+    # Its axes are Earth-fixed at that sample; ours are at the start.
+    shift = start - before
+    return _spline(times - shift, _about_z(states, earth_rate * shift), setting, f"{where}.file: {path.name}")
+
+
+def _about_z(states: Array, angle: float) -> Array:
+    """Return states in axes that are turned about z."""
+    c, s = math.cos(angle), math.sin(angle)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.concatenate([states[:, :3] @ turn.T, states[:, 3:] @ turn.T], axis=1)
+
+
+def _sp3_start(field: Sp3, orbit: PreciseOrbit, setting: Setting) -> float:
+    began = setting.began()
+    if field.start_s is not None:
+        return field.start_s
+    if began is None:
+        return 0.0
+    whole, rest = instant(in_utc(orbit.first_epoch, orbit.time_system))
+    return began[0] - whole + (began[1] - rest)
+
+
+def _file(name: str, setting: Setting, where: str) -> FilePath:
+    if not name:
+        raise UserError(f"{where}.file: none is given; the path of a file")
+    return setting.folder / name
+
+
+def _spline(times: Array, states: Array, setting: Setting, what: str) -> Path:
+    """Return a Hermite spline that has no gap during a run."""
+    first = max(int(np.searchsorted(times, 0.0, side="right")) - 1, 0)
+    last = int(np.searchsorted(times, setting.duration, side="left"))
+    for i in first + np.flatnonzero(~np.isfinite(states[first : last + 1]).all(axis=-1)):
+        raise UserError(f"{what} has a gap at {times[i]:g} s of a run of {setting.duration:g} s")
+    return lambda t: hermite(times, states, t)[0]
+
+
+def track_path(field: Track, setting: Setting, frame: str, where: str) -> tuple[Path, str]:
+    """Return a recorded track as a function of time, and the axes that it is in.
+
+    Raises
+    ------
+    UserError
+        If the file cannot be read, says something else than a track, or does not cover the run.
+    """
+    path = _file(field.file, setting, where)
+    where = f"{where}.file: {path.name}"
+    names, table, clock = _table(path, where)
+    geodetic = "latitude_deg" in names
+    if geodetic and frame == "local":
+        raise UserError(f"{where}: latitude_deg is not allowed in frame local; x_m, y_m, z_m")
+    times = _times(clock, names, table, setting, where)
+    columns = {name: table[:, i] for i, name in enumerate(names)}
+    if geodetic:
+        if np.any(np.abs(columns["latitude_deg"]) > 90):
+            raise UserError(f"{where}: a latitude beyond 90 degrees is not allowed")
+        angles = np.radians(columns["latitude_deg"]), np.radians(columns["longitude_deg"])
+        states = geodetic_to_ecef(*angles, columns["height_m"])
+    else:
+        told = (*_PLACES[0], *_VELOCITY) if _VELOCITY[0] in names else _PLACES[0]
+        states = np.stack([columns[name] for name in told], axis=1)
+    try:
+        truth = RecordedTruth(times, states, name="track")
+    except ValueError as error:
+        raise UserError(f"{where}: {error}") from error
+    if times[0] > 0 or times[-1] < setting.duration:
+        raise UserError(
+            f"{where}: a run from 0 to {setting.duration:g} s is not allowed; it has {times[0]:g} to {times[-1]:g} s"
+        )
+    return _spline(truth.times, truth.states[:, 0], setting, where), "earth_fixed" if geodetic else "any"
+
+
+def _times(clock: list[str] | None, names: list[str], table: Array, setting: Setting, where: str) -> Array:
+    """Return seconds since t = 0."""
+    if clock is None:
+        return table[:, names.index("time_s")]
+    try:
+        stamps = [instant(one) for one in clock]
+    except ValueError as error:
+        raise UserError(f"{where}: time {error}") from error
+    zero = setting.began() or stamps[0]
+    return np.array([whole - zero[0] + (rest - zero[1]) for whole, rest in stamps])
+
+
+def _table(path: FilePath, where: str) -> tuple[list[str], Array, list[str] | None]:
+    """Return names and values of the columns of numbers, and the column of dates where there is one."""
+    try:
+        lines = [line for line in csv.reader(read_text(path).lstrip("\ufeff").splitlines(), strict=True) if line]
+    except Unreadable as error:
+        raise UserError(f"{where.partition(':')[0]}: {error}") from error
+    except csv.Error as error:
+        raise UserError(f"{where} cannot be read ({error})") from error
+    names = [name.strip() for name in lines[0]] if lines else []
+    kinds = [
+        {time, *place, *more}
+        for time in ("time_s", "time")
+        for place, more in ((_PLACES[0], ()), (_PLACES[0], _VELOCITY), (_PLACES[1], ()))
+    ]
+    if set(names) not in kinds or len(set(names)) < len(names):
+        raise UserError(
+            f"{where}: columns {names} are not allowed; time_s or time, with x_m, y_m, z_m (and vx_mps, vy_mps, "
+            "vz_mps) or latitude_deg, longitude_deg, height_m"
+        )
+    dates = names.index("time") if "time" in names else None
+    rows, clock = [], []
+    for i, line in enumerate(lines[1:], 2):
+        cells = list(line)
+        try:
+            if len(cells) != len(names):
+                raise ValueError
+            if dates is not None:
+                clock.append(cells.pop(dates))
+            rows.append([float(cell) for cell in cells])
+            if not all(abs(value) <= _FARTHEST for value in rows[-1]):
+                raise ValueError
+        except ValueError as error:
+            raise UserError(f"{where}: row {i} {line} is not allowed; {len(names)} finite values") from error
+    left = [name for name in names if name != "time"]
+    return left, np.array(rows).reshape(-1, len(left)), clock if dates is not None else None
