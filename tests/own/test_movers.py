@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sgp4.api import Satrec
 
 from diagrams.errors import UserError
 from diagrams.instants import instant
@@ -15,7 +16,6 @@ from diagrams.own.movers import (
     GreatCircle,
     Kepler,
     PositionVelocity,
-    Rocket,
     Sp3,
     Straight,
     Tle,
@@ -26,7 +26,7 @@ from diagrams.own.paths import ALLOWED, path_of
 from diagrams.own.records import Setting, old_elements
 from diagrams.own.system import own_system
 from diagrams.scenario import load, read_yaml
-from systems.frames import EARTH_RATE, ecef_to_geodetic, enu_rotation, inertial_to_earth_fixed
+from systems.frames import EARTH_RATE, ecef_to_geodetic
 from systems.motion.gravity import GravityConstants
 from systems.plants.sp3 import read_sp3
 from systems.plants.sp3_records import in_utc
@@ -167,6 +167,38 @@ def test_satellite_over_a_station_at_the_right_time():
     np.testing.assert_allclose(fixed(later), other(0.0), atol=1.0)
 
 
+def test_distance_between_a_satellite_and_a_station():
+    """The station carried to SGP4's axes by the sidereal time of the moment, not the satellite to the Earth's."""
+    scenario = load(own_system(HERE / "elements.yaml").scenario, [read_yaml(HERE / "elements.yaml")])
+    elements, place, t = scenario.platforms["station"], scenario.platforms["west"], 250.0
+    latitude, longitude = math.radians(place.latitude_deg), math.radians(place.longitude_deg)
+    semi_major, flattening = 6378137.0, 1 / 298.257223563
+    square = flattening * (2 - flattening)
+    prime = semi_major / math.sqrt(1 - square * math.sin(latitude) ** 2)
+    out, up = (
+        (prime + place.height_m) * math.cos(latitude),
+        (prime * (1 - square) + place.height_m) * math.sin(latitude),
+    )
+
+    def station(since):
+        days = (datetime(2008, 9, 20, 20, 18, 30) - datetime(2000, 1, 1, 12)).total_seconds() / 86400 + since / 86400
+        angle = math.radians(280.46061837 + 360.98564736629 * days + 0.000387933 * (days / 36525) ** 2) + longitude
+        return np.array([out * math.cos(angle), out * math.sin(angle), up])
+
+    minutes = (datetime(2008, 9, 20, 20, 18, 30) - datetime(2008, 9, 20)).total_seconds() / 60 - 0.51782528 * 1440
+    satellite = Satrec.twoline2rv(elements.line_1, elements.line_2)
+    _, position, velocity = satellite.sgp4_tsince(minutes + t / 60)
+    apart = 1e3 * np.array(position) - station(t)
+    closing = 1e3 * np.array(velocity) - (station(t + 0.5) - station(t - 0.5))
+    for frame in ("earth_fixed", "inertial"):
+        one, two = (path(mover, frame, start=scenario.start_utc)(t) for mover in (elements, place))
+        gap = one - two
+        # 0.1 m: a Julian date as one double, 40 us of the Earth's rotation
+        assert abs(np.linalg.norm(gap[:3]) - np.linalg.norm(apart)) < 0.1
+        rate = gap[:3] @ gap[3:] / np.linalg.norm(gap[:3])
+        assert abs(rate - apart @ closing / np.linalg.norm(apart)) < 1e-3
+
+
 @pytest.mark.parametrize(
     ("change", "start", "said"),
     [
@@ -303,112 +335,6 @@ def test_bad_tracks_are_refused_in_one_line(tmp_path, text, said):
     with pytest.raises(UserError) as caught:
         path(Track("t.csv"), "earth_fixed", folder=tmp_path)
     assert str(caught.value).startswith(said) and "\n" not in str(caught.value)
-
-
-# ------------------------------------------------------------------------------------------------- !Waypoints
-
-
-def test_waypoints_on_the_ellipsoid():
-    """It keeps its height, speed and turn rate, touches its legs, and passes what lies on a straight way exactly."""
-    mover = Waypoints(points_deg=WAY, height_m=9000, speed_mps=200, turn_rate_degps=1.5)
-    at = path(mover, "earth_fixed", duration=600.0)
-    times = np.arange(0.0, 600.0, 1.0)
-    states = np.array([at(t) for t in times])
-    assert np.abs(ecef_to_geodetic(states[:, :3])[2] - 9000).max() < 1e-6
-    speed = np.linalg.norm(states[:, 3:], axis=-1)
-    assert abs(speed[0] - 200) < 1e-9 and np.abs(speed / 200 - 1).max() < 0.01
-    place = ecef_to_geodetic(states[0, :3])
-    np.testing.assert_allclose(np.degrees(place[:2]), WAY[0], atol=1e-9)
-    # the rate of the course in a turn, from the velocities in level axes: 1.5 deg/s but for 1 % and the frame's own
-    # turning (speed / radius times the tangent of the latitude, 0.002 deg/s)
-    latitude, longitude, _ = ecef_to_geodetic(states[:, :3])
-    level = np.einsum("kij,kj->ki", enu_rotation(latitude, longitude), states[:, 3:])
-    course = np.unwrap(np.arctan2(level[:, 0], level[:, 1]))
-    rate = np.degrees(np.diff(course))
-    turning = np.abs(rate) > 1.4
-    assert turning.sum() > 40 and np.abs(np.abs(rate[turning]) - 1.5).max() < 0.02
-    assert np.abs(rate[~turning & (np.abs(rate) < 0.1)]).max() < 0.01
-    # fly-by: every waypoint is missed to the inside by no more than radius (1 / cos(turn / 2) - 1)
-    radius = 200 / math.radians(1.5)
-    for point in WAY[1:-1]:
-        gap = np.hypot(
-            (latitude - math.radians(point[0])) * 6.37e6, (longitude - math.radians(point[1])) * 4.33e6
-        ).min()
-        assert gap < 0.5 * radius
-    # no jump of place or velocity where segments meet
-    assert np.abs(np.diff(states, axis=0)[:, 3:]).max() < 1.01 * 200 * math.radians(1.5)
-
-
-def test_waypoints_on_one_great_circle_are_a_great_circle():
-    circle_ = path(GreatCircle(47, 10, 3000, 60, 250), "earth_fixed", duration=2000.0)
-    places = [ecef_to_geodetic(circle_(t)[:3]) for t in (0.0, 700.0, 1500.0)]
-    mover = Waypoints(points_deg=[np.degrees(p[:2]).tolist() for p in places], height_m=3000, speed_mps=250)
-    way = path(mover, "earth_fixed", duration=2000.0)
-    for t in (0.0, 650.0, 705.0, 1900.0):
-        np.testing.assert_allclose(way(t), circle_(t), atol=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("mover", "frame", "said"),
-    [
-        (
-            Waypoints(points_km=[[0, 0], [1, 1]]),
-            "earth_fixed",
-            "target.points_km: it is not allowed in frame earth_fixed",
-        ),
-        (Waypoints(points_deg=WAY), "local", "target.points_deg: it is not allowed in frame local; points_km"),
-        (Waypoints(points_deg=WAY[:1]), "earth_fixed", "target.points_deg: 1 are given; at least 2 are needed"),
-        (Waypoints(points_deg=[[91, 0], [0, 0]]), "earth_fixed", "target.points_deg.0: latitude 91 is not allowed"),
-        (Waypoints(points_deg=[[1, 2, 3], [0, 0]]), "earth_fixed", "target.points_deg.0: [1, 2, 3] is not allowed"),
-        (Waypoints(points_deg=[WAY[0], WAY[0]]), "earth_fixed", "target: waypoints: 0 and 1 are equal"),
-        (Waypoints(points_deg=[[0, 0], [0, 180]]), "earth_fixed", "target: waypoints: 0 and 1 are equal or opposite"),
-        (
-            Waypoints(points_deg=[[0, 0], [0, 1], [0, 0]]),
-            "earth_fixed",
-            "target: waypoints: the leg from 0 to 1, 1 deg",
-        ),
-        (VANGUARD, "local", "target: !Tle is not allowed in frame local; !Fixed, !Straight, !Waypoints, !Track"),
-    ],
-)
-def test_bad_waypoints_are_refused_in_one_line(mover, frame, said):
-    with pytest.raises(UserError) as caught:
-        path(mover, frame)
-    assert str(caught.value).startswith(said) and "\n" not in str(caught.value)
-
-
-# ---------------------------------------------------------------------------------------------------- !Rocket
-
-
-def test_rocket_obeys_newton_about_the_earths_centre():
-    """It starts on the ellipsoid; coasting above the air its inertial acceleration is that of a point mass."""
-    at = path(ROCKET, "earth_fixed")
-    latitude, longitude, height = ecef_to_geodetic(at(0.0)[:3])
-    np.testing.assert_allclose(np.degrees([latitude, longitude]), [38.85, 111.61], atol=1e-9)
-    assert abs(height) < 1e-6 and np.abs(at(0.0)[3:]).max() < 1e-9
-    inertial, t, step = path(ROCKET, "inertial"), 263.7, 0.2  # between cut-off and the next ignition, over 100 km up
-    pull = (inertial(t + step)[3:] - inertial(t - step)[3:]) / (2 * step)
-    place = inertial(t)[:3]
-    gravity = -CONSTANTS.mu * place / np.linalg.norm(place) ** 3
-    # air at 130 km: below 1e-4 m/s^2
-    np.testing.assert_allclose(pull, gravity, atol=1e-3)
-    np.testing.assert_allclose(inertial_to_earth_fixed(inertial(t), t), at(t), atol=1e-6)
-    east, north, _ = enu_rotation(latitude, longitude) @ (at(60.0)[:3] - at(0.0)[:3])
-    assert north < 0 and abs(math.degrees(math.atan2(east, north)) % 360 - 190) < 3  # yaw and Coriolis
-
-
-def test_a_rocket_that_falls_is_refused_in_one_line():
-    for change, said in [
-        ({"stages": []}, "target.stages"),
-        (
-            {"pitch_times_s": [0.0, 20.0, 400.0], "pitch_deg": [90.0, -30.0, -30.0]},
-            "target: it falls back to the ground",
-        ),
-        ({"payload_t": 500.0}, "target.stages.0.thrust_kn: 3.255e+06 N is not allowed"),
-    ]:
-        mover = Rocket(**{**{name: getattr(ROCKET, name) for name in vars(ROCKET)}, **change})
-        with pytest.raises(UserError) as caught:
-            path(mover, "earth_fixed")
-        assert str(caught.value).startswith(said) and "\n" not in str(caught.value)
 
 
 def test_dates_need_no_quotes():
