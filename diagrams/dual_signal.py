@@ -94,7 +94,7 @@ class Signal:
         "what the emitter sends: !Qpsk, !BandLimitedNoise or !PulseTrain", factory=Qpsk
     )
     sample_rate_mhz: float = number("complex samples per second [MHz]", 4.0, above=0)
-    samples: int = count("samples that are integrated at every epoch", 65536, at_least=1024)
+    samples: int = count("samples that are integrated at every epoch", 65536, at_least=1024, at_most=1 << 24)
     snr_main_db: float = number(
         "signal-to-noise ratio at the main satellite, noise counted in the whole sample rate [dB]",
         -12.0,

@@ -204,7 +204,7 @@ def test_settings(files, capsys):
     assert "frequency_hz: 1e+06" in refused(capsys, [*files, "--set", "frequency_hz=1e6"])
     assert "low_hz, high_hz, notch_hz" in refused(capsys, [*files, "--set", "low_hz=3e5", "--set", "high_hz=4e5"])
     assert "low < high" in refused(capsys, [*files, "--set", "low_hz=2", "--set", "high_hz=1"])
-    with pytest.raises(UserError, match="it has no settings"):
+    with pytest.raises(UserError, match="a: a is not known; there are"):
         replay("locards", settings=["a=1"], data="/work")
     with pytest.raises(UserError, match="2 files are not allowed for bearings; one"):
         replay("bearings", file=["a", "b"])
