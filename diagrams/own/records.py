@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -30,6 +31,11 @@ Path = Callable[[float], Array]
 _DAY = 86400.0
 _UNIX = 2440587.5  # Julian date of 1970, the zero of `instant`
 _LENGTH = 69
+_ANGLE, _SMALL = r"[ \d]{2}\d\.\d{4}", r"[ +-]\d{5}[ +-]\d"
+_FORMATS = (  # what SGP4's own reader makes of anything else may be NaN
+    rf"1 [ \dA-Z][ \d]{{4}}. .{{8}} [ \d]\d[ \d]{{2}}\d\.\d{{8}} [ +-]\.\d{{8}} {_SMALL} {_SMALL} [ \d] [ \d]{{4}}\d",
+    rf"2 [ \dA-Z][ \d]{{4}} {_ANGLE} {_ANGLE} \d{{7}} {_ANGLE} {_ANGLE} [ \d]\d\.\d{{8}}[ \d]{{5}}\d",
+)
 _NOTED, _OLDEST = 3.0, 30.0  # days between the epoch of elements and the start: SGP4 is off by 1 to 3 km per day
 _PLACES = (("x_m", "y_m", "z_m"), ("latitude_deg", "longitude_deg", "height_m"))
 _VELOCITY = ("vx_mps", "vy_mps", "vz_mps")
@@ -95,6 +101,8 @@ def _satellite(elements: Tle, where: str):  # type: ignore[no-untyped-def]
         sum_ = sum(int(c) if c.isdecimal() else c == "-" for c in line[:-1]) % 10
         if line[-1] != str(sum_):
             raise UserError(f"{field}: checksum {line[-1]} is not allowed; that of the line is {sum_}")
+        if not re.fullmatch(_FORMATS[i - 1], line):
+            raise UserError(f"{field}: {line!r} is not allowed; numbers in the columns of two-line elements")
     if lines[0][2:7] != lines[1][2:7]:
         first, second = (line[2:7].strip() for line in lines)
         raise UserError(f"{where}.line_2: catalogue number {second} is not allowed; line_1 has {first}")
@@ -139,7 +147,7 @@ def tle_path(elements: Tle, setting: Setting, where: str) -> Path:
 
     for t in (0.0, setting.duration):
         code = satellite.sgp4(whole, part + t / _DAY)[0]
-        if code:
+        if code or not np.isfinite(at(t)).all():
             raise UserError(f"{where}: SGP4 cannot tell where it is at {t:g} s (error {code})")
     return at
 

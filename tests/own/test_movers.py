@@ -71,7 +71,7 @@ def folder(tmp_path):
 
 def write_sp3(file, every=60, count=15):
     """Write an orbit of our own in the format, positions only; the first epoch is 120 s before `EPOCH` in GPS time."""
-    truth = path(Kepler(inclination_deg=50), "earth_fixed", duration=1000.0)
+    truth = path(Kepler(inclination_deg=50), "earth_fixed", duration=3000.0)
     lines = [f"#cP2000  6 27 18 48 19.73356800 {count:7d} ORBIT IGS14 FIT  TST", "+    1   L27", "%c L  cc UTC ccc"]
     for k in range(count):
         seconds = 48 * 60 + 19.733568 + every * k
@@ -216,6 +216,11 @@ def test_distance_between_a_satellite_and_a_station():
             EPOCH,
             "target.line_2: catalogue number 00006 is not allowed; line_1 has 00005",
         ),
+        (
+            {"line_1": "1 00005U 58002B   00179.78495062  .00000023  0000--0  28098-4 0  4754"},
+            EPOCH,
+            "target.line_1: '1 00005U 58002B   00179.78495062  .00000023  0000--0  28098-4 0  4754' is not allowed; ",
+        ),
         ({}, None, "start_utc: null is not allowed with !Tle"),
         ({}, "yesterday", "start_utc: yesterday is not allowed"),
         ({}, "2000-08-27T18:50:19Z", "target.line_1: epoch 61.0 days before start_utc is not allowed; at most 30"),
@@ -241,7 +246,7 @@ def test_old_elements_are_noted():
 @pytest.mark.parametrize(("start_s", "start", "shift"), [(0.0, EPOCH, 0.0), (47.5, None, 47.5), (None, EPOCH, 120.0)])
 def test_precise_orbit_is_the_one_that_was_written(folder, start_s, start, shift):
     at = path(Sp3("orbit.sp3", "L27", start_s), "earth_fixed", folder=folder, start=start)
-    truth = path(Kepler(inclination_deg=50), "earth_fixed", duration=1000.0)
+    truth = path(Kepler(inclination_deg=50), "earth_fixed", duration=3000.0)
     for t in (0.0, 100.0, 217.3, 300.0):
         # the spline between epochs 60 s apart: h^4/384 and some h^3/125 of the fourth derivative, 7e-6 m/s^4
         np.testing.assert_allclose(at(t)[:3], truth(t + shift)[:3], atol=0.3)
@@ -340,3 +345,14 @@ def test_bad_tracks_are_refused_in_one_line(tmp_path, text, said):
 def test_dates_need_no_quotes():
     whole, rest = instant(read_yaml("start_utc: 2000-06-27T18:50:19.733568Z")["start_utc"])
     assert (whole, rest) == instant(EPOCH)
+
+
+def test_a_gap_in_the_run_is_refused_and_one_behind_it_is_not(folder):
+    write_sp3(folder / "gap.sp3", every=60, count=40)
+    text = (folder / "gap.sp3").read_text().splitlines()
+    at = [i for i, line in enumerate(text) if line.startswith("PL27")][15]
+    text[at] = f"PL27{0:14.6f}{0:14.6f}{0:14.6f}{999999.999999:14.6f}"
+    (folder / "gap.sp3").write_text("\n".join(text) + "\n")
+    with pytest.raises(UserError, match=r"^target.file: gap.sp3 has a gap at 900 s of a run of 1000 s$"):
+        path(Sp3("gap.sp3", start_s=0.0), "earth_fixed", folder=folder, duration=1000.0)
+    path(Sp3("gap.sp3", start_s=0.0), "earth_fixed", folder=folder, duration=800.0)
