@@ -10,12 +10,14 @@ axes).
 import math
 import warnings
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Union, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
+from diagrams.assembly.map import BoundMap
 from diagrams.assembly.model import Assumed, Model
 from diagrams.assembly.system import System
 from diagrams.errors import UserError
@@ -31,6 +33,7 @@ from diagrams.launch import (
     station_positions,
     vehicle_block,
 )
+from diagrams.maps.flight import flight_map
 from diagrams.parts.impairment import Impaired, KnownPlatforms
 from diagrams.sensor_errors import NO_CLOCKS, SensorErrors, refuse
 from systems.clocks import Periodic
@@ -57,6 +60,7 @@ __all__ = [
     "Scenario",
     "believed_motion",
     "believed_sensor",
+    "bound_map",
     "launch_site",
     "rocket_model",
     "sensor_mask",
@@ -70,6 +74,7 @@ if TYPE_CHECKING:
 else:
     EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
+_FLOWN = 400  # points of the flight on a map
 _UNKNOWNS = ("x", "y", "z", "vx", "vy", "vz", "bias")  # of one sample
 
 
@@ -399,6 +404,26 @@ def declare(scenario: Scenario) -> Model:
         truth_states=KnownFlight([0.0]).names,
         signals={"mode": "mode", "stage": "stage"},
         frame="launch",
+        map=partial(bound_map, scenario),
+    )
+
+
+def bound_map(scenario: Scenario, points: tuple[int, int] | None = None) -> BoundMap:
+    """Return the map of the bound in the plane of the flight; see `flight_map`."""
+    vehicle, belief = vehicle_block(scenario), scenario.belief
+    flown_at = np.linspace(scenario.start_s, scenario.stop_s, _FLOWN)
+    return flight_map(
+        np.array([np.concatenate(vehicle.at(float(t))) for t in flown_at]),
+        launch_site(scenario),
+        station_positions(scenario),
+        Periodic(scenario.period_s),
+        believed_sensor(scenario),
+        believed_motion(scenario, vehicle),
+        sensor_mask(scenario),
+        belief.sigma_acceleration_mps2,
+        belief.sigma_bias_mps,
+        f"current statistical model, {belief.alpha_hz:g} 1/s",
+        points,
     )
 
 

@@ -11,15 +11,18 @@ clockwise from north in degrees where people read and write.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Union, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
+from diagrams.assembly.map import BoundMap
 from diagrams.assembly.model import Assumed, Model
 from diagrams.assembly.system import System
 from diagrams.errors import UserError, choose
+from diagrams.maps.bearing import bearing_map
 from diagrams.parts.impairment import Impaired, Mount, NavigationError
 from diagrams.parts.movers import ModelTarget, Platforms
 from diagrams.parts.sensing import TargetSensor
@@ -38,7 +41,7 @@ from systems.motion.waypoints import WaypointPath
 from systems.plants.path import Path
 from systems.registry import estimator_options
 
-__all__ = ["SYSTEM", "Scenario", "believed_sensor", "observer_path", "target_motion", "target_state"]
+__all__ = ["SYSTEM", "Scenario", "believed_sensor", "bound_map", "observer_path", "target_motion", "target_state"]
 
 Array = NDArray[np.float64]
 
@@ -228,14 +231,12 @@ def declare(scenario: Scenario) -> Model:
     """Return observer, target, sensor, azimuth filters and what the estimators are given; see `diagrams.assembly`."""
     path, motion, axes = observer_path(scenario), target_motion(scenario), _axes(scenario)
     _check_geometry(scenario, path, motion)
-    truth, belief, clock = scenario.truth, scenario.belief, Periodic(scenario.period_s)
+    truth, clock = scenario.truth, Periodic(scenario.period_s)
     _check_errors(scenario)
     spread = truth.target_spread_km * _KM
     place = np.diag([spread**2] * axes + [0.0] * (motion.size - axes))
     real, model = (_sensor_model(scenario, believed) for believed in (False, True))
-    start = BearingStart(
-        model, model.names, motion.size, belief.range_km * _KM, belief.sigma_range_km * _KM, belief.sigma_speed_mps
-    )
+    start = _start(scenario, model, motion)
 
     def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
         _check_rows(name, options, model)
@@ -262,7 +263,25 @@ def declare(scenario: Scenario) -> Model:
         signals={name: f"{name}.estimate" for name in scenario.azimuth_filters},
         frame="local",
         rows=model.names,
+        map=partial(bound_map, scenario),
     )
+
+
+def _start(scenario: Scenario, model: Bearing, motion: MotionModel) -> BearingStart:
+    belief = scenario.belief
+    return BearingStart(
+        model, model.names, motion.size, belief.range_km * _KM, belief.sigma_range_km * _KM, belief.sigma_speed_mps
+    )
+
+
+def bound_map(scenario: Scenario, points: int | None = None) -> BoundMap:
+    """Return the map of the bound over places of the target at t = 0, around the observer's path; see `bearing_map`."""
+    times = Periodic(scenario.period_s).ticks(scenario.duration_s)
+    motion, model, truth = target_motion(scenario), believed_sensor(scenario), scenario.truth
+    path, start = observer_path(scenario)(times), _start(scenario, model, motion)
+    moving = f"{truth.target_speed_mps:g} m/s, course {truth.target_course_deg:g} deg"
+    words = "at rest" if truth.target_speed_mps == 0 else moving
+    return bearing_map(times, path, target_state(scenario), motion, model, start, words, points)
 
 
 def _check_errors(scenario: Scenario) -> None:

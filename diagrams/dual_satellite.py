@@ -9,6 +9,7 @@ function of both gives the differences of delay and Doppler. This is the system 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from diagrams import formation
 from diagrams.assembly.bus import Bus
+from diagrams.assembly.map import BoundMap
 from diagrams.assembly.model import Assumed, Model, Part
 from diagrams.assembly.system import System
 from diagrams.dual_signal import Drawn, Signal, SignalChain, predicted_sigmas, waveform_of
@@ -30,6 +32,7 @@ from diagrams.formation import (
     ReferenceOrbit,
     StraightLine,
 )
+from diagrams.maps.ground import Prior, ground_grid, ground_map
 from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
 from diagrams.parts.movers import Emitter, Platforms, true_motion
 from diagrams.parts.sensing import TargetSensor
@@ -55,7 +58,7 @@ from systems.motion.constant_velocity import ConstantVelocity
 from systems.plants.orbit import DenseOrbit
 from systems.registry import estimator_options
 
-__all__ = ["SYSTEM", "Scenario", "Truth", "delay_doppler_sigmas", "models", "target_state"]
+__all__ = ["SYSTEM", "Scenario", "Truth", "bound_map", "delay_doppler_sigmas", "models", "target_state"]
 
 Array = NDArray[np.float64]
 
@@ -271,7 +274,23 @@ def declare(scenario: Scenario) -> Model:
         signals={port: port for port in ("quality", "differences_covariance")},
         note=chain.note if chain else "",
         widest=chain.widest if chain else None,
+        map=partial(bound_map, scenario),
     )
+
+
+def bound_map(scenario: Scenario) -> BoundMap:
+    """Return the map over the ground: of the direction alone, of the differences alone, and of both.
+
+    The prior is that of `three_satellite`'s map, so that the two can be compared.
+    """
+    available = models(scenario, believed=True)
+    sets = {
+        "direction": Stack([available["direction"]]),
+        "TDOA + FDOA": Stack([available["tdoa"], available["fdoa"]]),
+        "direction + TDOA + FDOA": Stack([available[kind] for kind in ("direction", "tdoa", "fdoa")]),
+    }
+    grid = ground_grid(scenario, count=2)
+    return ground_map(scenario, grid, sets, scenario.belief.acceleration_mps2, Prior())
 
 
 def _signal_chain(

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from diagrams.catalogue import load_scenario, split_name
+from diagrams.catalogue import system as find_system
 from diagrams.errors import UserError
 from diagrams.output import OutputFolder, written_beside
 from diagrams.rerun import ask_again
@@ -146,13 +147,12 @@ def gdop_command(
     system: str, settings: Sequence[str] | None, scenario: Path | None, out: Path | None, overwrite: bool
 ) -> None:
     """Map bounds; see ``quietfix gdop --help``."""
-    from diagrams.bound_map import map_figures, map_of
+    from diagrams.maps.command import map_figures
 
     name, variant = split_name(system)
-    map_of(name)
     resolved = load_scenario(name, variant, scenario, settings or [])
     with OutputFolder(out or Path("gdop"), overwrite, "gdop") as folder:
-        map_figures(name, resolved, folder.work)
+        map_figures(find_system(name), resolved, folder.work)
         folder.finish()
 
 

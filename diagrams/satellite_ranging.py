@@ -5,6 +5,7 @@ Progress in Natural Science (in Chinese), received 2008. The frame is inertial t
 """
 
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+import dataclasses
 import math
 import os
 from collections.abc import Sequence
@@ -17,9 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
+from diagrams.assembly.map import BoundMap
 from diagrams.assembly.model import Assumed, Model
 from diagrams.assembly.system import System
 from diagrams.errors import UserError
+from diagrams.maps.orbits import orbit_map
 from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
 from diagrams.parts.movers import Platforms
 from diagrams.parts.sensing import TargetSensor
@@ -46,7 +49,7 @@ from systems.sensors.preview import Preview
 from systems.sensors.prior import PriorEstimate
 from systems.sensors.ranging import Ranging
 
-__all__ = ["SYSTEM", "Scenario", "believed_sensor", "initial_states", "prior_covariance", "true_sensor"]
+__all__ = ["SYSTEM", "Scenario", "believed_sensor", "bound_map", "initial_states", "prior_covariance", "true_sensor"]
 
 Array = NDArray[np.float64]
 
@@ -58,6 +61,7 @@ else:
 _KM = 1e3
 _KINDS = ("angles", "rates", *ROWS)
 _POSITION = "position"
+_MAPPED = {"angles": ("angles",), "angles + rates": ("angles", "rates"), "all six rows": ()}
 _COPLANAR = 1.0  # degrees between the two orbit planes
 
 
@@ -384,7 +388,7 @@ def declare(scenario: Scenario) -> Model:
     known = "truth.sigma_observer_m and truth.sigma_observer_mps say how well the observer is known"
     refuse(truth.errors, "truth.errors", {**NO_CLOCKS, "platform": known})
     real, full, covariance = true_sensor(scenario), believed_sensor(scenario), prior_covariance(scenario)
-    mask = EarthOccultation(constants.radius + truth.grazing_height_km * _KM) if truth.occultation else None
+    mask = _mask(scenario)
 
     def ranging(bus: Bus, name: str = "ranging", feedback: dict[str, str] | None = None) -> None:
         block = Ranging(full, bus.trials, 1, bus.shape("known")[0], feedback is not None, name=name)
@@ -419,6 +423,43 @@ def declare(scenario: Scenario) -> Model:
         frame="inertial",
         # a tenth of the initial error, as in (61): of its expectation, so that all estimators are held to the same
         convergence=0.1 * math.sqrt(np.trace(covariance[:3, :3])),
+        # a recorded target has no elements to map over
+        map=partial(bound_map, scenario, scenario.target) if isinstance(scenario.target, Kepler) else None,
+    )
+
+
+def _mask(scenario: Scenario) -> EarthOccultation | None:
+    truth, radius = scenario.truth, gravity(scenario).radius
+    return EarthOccultation(radius + truth.grazing_height_km * _KM) if truth.occultation else None
+
+
+def bound_map(scenario: Scenario, target: Kepler, points: tuple[int, int] | None = None) -> BoundMap:
+    """Return the map of the bound over inclination and phase of the orbit of `target`; see `orbit_map`."""
+    constants, belief = gravity(scenario), scenario.belief
+    rate = math.degrees(mean_motion(target.semi_major_axis_km * _KM, constants.mu))
+    density = belief.acceleration_density_m2ps3
+
+    def state(inclination: float, anomaly: float) -> Array:
+        moved = dataclasses.replace(target, inclination_deg=inclination, perigee_passage_s=-anomaly / rate)
+        return kepler_state(moved, constants, "target")
+
+    return orbit_map(
+        Periodic(scenario.period_s).ticks(scenario.duration_s),
+        kepler_state(scenario.observer, constants, "observer"),
+        state,
+        OrbitalMotion(constants, true_sensor(scenario).j2),
+        _mask(scenario),
+        {name: believed_sensor(scenario, kinds) for name, kinds in _MAPPED.items()},
+        believed_motion(scenario),
+        prior_covariance(scenario),
+        {
+            "noise": "none" if density == 0 else f"{density:g} m^2/s^3",
+            "prior": f"{belief.sigma_position_km:g} km, {belief.sigma_velocity_mps:g} m/s per axis",
+            "target": f"semi-major axis {target.semi_major_axis_km:g} km, eccentricity {target.eccentricity:g}, "
+            f"node {target.raan_deg:g} deg",
+        },
+        (target.inclination_deg, (-target.perigee_passage_s * rate + 180.0) % 360.0 - 180.0),
+        points,
     )
 
 

@@ -8,6 +8,7 @@ Xu, Su and Wang, *A moving target tracking method based on fusion of TDOA/FDOA/D
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Union, cast
 
 import numpy as np
@@ -15,9 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from diagrams import formation
 from diagrams.assembly.bus import Bus
+from diagrams.assembly.map import BoundMap
 from diagrams.assembly.model import Assumed, Model
 from diagrams.assembly.system import System
-from diagrams.errors import UserError
+from diagrams.errors import UserError, choose
 from diagrams.formation import (
     Constants,
     GreatCircle,
@@ -29,6 +31,7 @@ from diagrams.formation import (
     StraightLine,
 )
 from diagrams.ground import beside_track, track_axes
+from diagrams.maps.ground import Prior, ground_grid, ground_map
 from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
 from diagrams.parts.movers import Emitter, Platforms, true_motion
 from diagrams.parts.resolving import PhaseResolution
@@ -53,7 +56,17 @@ from systems.motion.constant_velocity import ConstantVelocity
 from systems.plants.orbit import DenseOrbit
 from systems.registry import estimator_options
 
-__all__ = ["SYSTEM", "Scenario", "models", "satellite_orbit", "satellite_states", "target_state", "track_axes"]
+__all__ = [
+    "SYSTEM",
+    "Scenario",
+    "bound_map",
+    "measurement_sets",
+    "models",
+    "satellite_orbit",
+    "satellite_states",
+    "target_state",
+    "track_axes",
+]
 
 Array = NDArray[np.float64]
 
@@ -296,7 +309,55 @@ def declare(scenario: Scenario) -> Model:
         truth_states=ConstantVelocity(0.0).names,
         signals={"integers": "phase_resolver.integers"},
         rows=stack.names,
+        map=partial(bound_map, scenario),
     )
+
+
+def measurement_sets(scenario: Scenario) -> dict[str, list[str]]:
+    """Return the sets of measurement kinds that the scenario's estimators use, each once, in their order."""
+    sets: dict[str, list[str]] = {}
+    for options in scenario.estimators.values():
+        kinds = list(getattr(options, "measurements", [])) or ["tdoa", "fdoa", "phase"]
+        sets.setdefault(" + ".join(kinds), kinds)
+    return sets
+
+
+def bound_map(
+    scenario: Scenario,
+    sets: Mapping[str, Sequence[str]] | None = None,
+    spacing_km: float = 100.0,
+    extent_km: float = 1500.0,
+    prior: Prior | None = None,
+) -> BoundMap:
+    """Return the map of the bound after the pass, for targets on a grid over the ground.
+
+    The height is that above the ellipsoid where the target is at the last epoch.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Satellites, the target's height, speed and course, noise, and the filter's process noise.
+    sets : mapping of str to sequence of str, optional
+        Kinds of measurement by name of the set (``tdoa``, ``fdoa``, ``phase_a``, ``phase_b``; ``phase`` is both); by
+        default those of the scenario's estimators.
+    spacing_km, extent_km : float
+        See `diagrams.maps.ground.ground_grid`.
+    prior : Prior, optional
+        What is known before the first measurement.
+
+    Raises
+    ------
+    UserError
+        For a kind that is not known, or a grid without points.
+    """
+    available = models(scenario, believed=True)
+    chosen = measurement_sets(scenario) if sets is None else sets
+    stacks = {
+        name: Stack([available[choose("gdop: measurement", kind, available)] for kind in kinds])
+        for name, kinds in chosen.items()
+    }
+    grid = ground_grid(scenario, spacing_km, extent_km)
+    return ground_map(scenario, grid, stacks, scenario.belief.acceleration_mps2, prior or Prior())
 
 
 def _sensor_stack(scenario: Scenario, real: Mapping[str, Any]) -> Stack:

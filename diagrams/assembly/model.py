@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from diagrams.assembly.bus import Bus
+from diagrams.assembly.map import BoundMap
 from systems.clocks import Clock
 from systems.estimators.base import Estimator
 from systems.estimators.start import Start
@@ -96,6 +97,8 @@ class Model:
         The convergence time is when the RMSE of the position falls below this for good [m]; None: as `metrics` has it.
     widest : int, optional
         Most trials at once, where blocks need much memory of their own for each.
+    map : callable, optional
+        ``() -> BoundMap``: where targets may be and what their bound depends on, for ``quietfix gdop``.
     """
 
     clock: Clock
@@ -111,3 +114,4 @@ class Model:
     note: str = ""
     convergence: float | None = None
     widest: int | None = None
+    map: Callable[[], BoundMap] | None = None

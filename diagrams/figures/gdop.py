@@ -33,7 +33,7 @@ def draw_gdop(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
     Parameters
     ----------
     dataset : xarray.Dataset
-        From `diagrams.bound_map.map_bounds`.
+        From `diagrams.maps.bounds.map_bounds`.
     folder : path
         An existing folder.
 

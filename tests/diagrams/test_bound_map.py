@@ -3,16 +3,12 @@
 import numpy as np
 import pytest
 
-from diagrams import bound_map
-from diagrams.bound_map import MAPS, last_bound, map_bounds, map_of
-from diagrams.catalogue import load_scenario, systems
-from diagrams.errors import UserError
+from diagrams import beacon_rocket, bearing_crossing, dual_satellite, satellite_ranging, three_satellite
+from diagrams.catalogue import load_scenario, system, systems
 from diagrams.figures.gdop import draw_gdop
-from diagrams.gdop import dual_satellite_map, three_satellite_map
-from diagrams.gdop_bearings import bearing_map
-from diagrams.gdop_orbits import orbit_map
-from diagrams.gdop_rocket import rocket_map
 from diagrams.launch import vehicle_block
+from diagrams.maps.bounds import last_bound, map_bounds
+from diagrams.maps.command import print_map
 from diagrams.posterior_bound import posterior_bound
 from diagrams.study import run_study
 from tests.diagrams.test_command_line import in_process
@@ -26,14 +22,20 @@ def final(system, estimator, settings, quantity="position"):
     return float(data[f"bound_{quantity}"].sel(estimator=estimator)[-1])
 
 
-def test_every_system_has_a_map():
-    assert set(MAPS) == set(systems())
+def orbit_map(scenario, points):
+    return satellite_ranging.bound_map(scenario, scenario.target, points)
+
+
+@pytest.mark.parametrize("name", systems())
+def test_every_packaged_system_offers_a_map(name):
+    found = system(name)
+    assert found.declare(load_scenario(name)).map is not None
 
 
 @pytest.mark.parametrize("variant", [None, "manoeuvre"])
 def test_bearings_map_is_the_bound_of_studies_with_the_target_there(variant):
     name = "bearing_crossing" + (f":{variant}" if variant else "")
-    found = map_bounds(bearing_map(load_scenario("bearing_crossing", variant, settings=SHORT), points=6))
+    found = map_bounds(bearing_crossing.bound_map(load_scenario("bearing_crossing", variant, settings=SHORT), points=6))
     for i, j in ((4, 1), (1, 3)):
         place = [float(found["east"][j]), float(found["north"][i])]
         expected = final(name, "ekf", [*SHORT, f"truth.target_km={place}"])
@@ -42,7 +44,7 @@ def test_bearings_map_is_the_bound_of_studies_with_the_target_there(variant):
 
 def test_bearings_locate_nothing_ahead_of_a_straight_flight():
     scenario = load_scenario("bearing_crossing", settings=SHORT)
-    found = map_bounds(bearing_map(scenario, points=7))["position"].sel(set="azimuth")
+    found = map_bounds(bearing_crossing.bound_map(scenario, points=7))["position"].sel(set="azimuth")
     east = found["east"].values
     ahead = found.sel(north=0.0, method="nearest").values[(east > 20) | (east < -10)]
     # the range stays what it was assumed to be
@@ -63,7 +65,7 @@ def test_orbit_map_is_the_bound_of_the_study_of_that_orbit():
 
 def test_rocket_map_is_that_of_the_flight_where_the_flight_is():
     scenario = load_scenario("beacon_rocket", settings=["start_s=100", "stop_s=160"])
-    of = rocket_map(scenario, points=(3, 5))
+    of = beacon_rocket.bound_map(scenario, points=(3, 5))
     vehicle = vehicle_block(scenario)
     flown = np.array([np.concatenate(vehicle.at(float(t))) for t in np.linspace(100, 160, 400)])
     column = of.truth[:, 0]
@@ -75,14 +77,16 @@ def test_rocket_map_is_that_of_the_flight_where_the_flight_is():
     one = posterior_bound(of.truth[[3]], of.platforms, of.times, model, of.motion, of.prior, False)[0, -1]
     np.testing.assert_allclose(last_bound(of, model)[3], one, rtol=1e-9, atol=1e-9)
     # a station below the horizon does not help
-    masked = rocket_map(load_scenario("beacon_rocket", "masked", settings=["start_s=100", "stop_s=160"]), points=(3, 5))
+    masked = beacon_rocket.bound_map(
+        load_scenario("beacon_rocket", "masked", settings=["start_s=100", "stop_s=160"]), points=(3, 5)
+    )
     assert not masked.present.all()
     whole, less = (map_bounds(m)["position"].values for m in (of, masked))
     assert (less >= whole * (1 - 1e-9))[np.isfinite(whole)].all() and np.nanmax(less / whole) > 1.5
 
 
 def test_more_rows_never_raise_the_bound_and_no_bound_is_above_the_prior():
-    dual = map_bounds(dual_satellite_map(load_scenario("dual_satellite", settings=SHORT)))
+    dual = map_bounds(dual_satellite.bound_map(load_scenario("dual_satellite", settings=SHORT)))
     whole = dual["position"].sel(set="direction + TDOA + FDOA")
     for name in ("direction", "TDOA + FDOA"):
         part = dual["position"].sel(set=name)
@@ -97,10 +101,10 @@ def test_more_rows_never_raise_the_bound_and_no_bound_is_above_the_prior():
 @pytest.mark.parametrize(
     ("make", "system", "settings"),
     [
-        (lambda s: bearing_map(s, 6), "bearing_crossing", SHORT),
-        (lambda s: rocket_map(s, (3, 4)), "beacon_rocket", ["start_s=100", "stop_s=160"]),
+        (lambda s: bearing_crossing.bound_map(s, 6), "bearing_crossing", SHORT),
+        (lambda s: beacon_rocket.bound_map(s, (3, 4)), "beacon_rocket", ["start_s=100", "stop_s=160"]),
         (lambda s: orbit_map(s, (3, 4)), "satellite_ranging", ["duration_s=100"]),
-        (lambda s: three_satellite_map(s, {"one": ["tdoa"]}, spacing_km=750.0), "three_satellite", SHORT),
+        (lambda s: three_satellite.bound_map(s, {"one": ["tdoa"]}, spacing_km=750.0), "three_satellite", SHORT),
     ],
     ids=["bearings", "rocket", "orbits", "ground"],
 )
@@ -110,21 +114,18 @@ def test_figures_and_titles_say_noise_and_prior(make, system, settings, tmp_path
     written = draw_gdop(found, tmp_path)
     assert len(written) == len(found.attrs["quantities"])
     assert all(path.stat().st_size > 10_000 for path in written)
-    bound_map.print_map(found)
+    print_map(found)
     check_fits(printed_tables[-1])
     printed = capsys.readouterr().out
     assert "prior" in printed and "median" in printed
 
 
 def test_mistakes(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr(bound_map, "MAPS", {k: v for k, v in MAPS.items() if k in ("three_satellite", "beacon_rocket")})
-    with pytest.raises(UserError, match="gdop: satellite_ranging has no map; three_satellite, beacon_rocket have"):
-        map_of("satellite_ranging")
-    monkeypatch.undo()
+    monkeypatch.delenv("QUIETFIX_DATA", raising=False)
     status, _, err = in_process(
         capsys, "gdop", "satellite_ranging", "--set", "target=!Sp3 {file: x}", "--out", str(tmp_path / "g")
     )
-    assert status == 2 and "target !Sp3 is recorded" in err and err.count("\n") == 1
+    assert status == 2 and "target.file: x is looked for" in err and err.count("\n") == 1
     status, _, err = in_process(capsys, "gdop", "bearing_crossing", "--set", "truth.observer=!Waypoints {}")
     assert status == 2 and "points_km: 0 are given" in err and err.count("\n") == 1
     assert not (tmp_path / "g").exists() and not (tmp_path / "g.partial").exists()

@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
 
-from diagrams.bound_map import last_bound, map_figures
 from diagrams.catalogue import load_scenario
 from diagrams.errors import UserError
 from diagrams.figures.gdop import draw_gdop
-from diagrams.gdop import Prior, gdop_areas, gdop_map, ground_grid, ground_map, measurement_sets
-from diagrams.three_satellite import models
+from diagrams.maps.bounds import last_bound, map_bounds
+from diagrams.maps.command import map_figures
+from diagrams.maps.ground import Prior, ground_areas, ground_grid, ground_map
+from diagrams.three_satellite import SYSTEM, bound_map, measurement_sets, models
 from systems.frames import ecef_to_geodetic
 from systems.measurement.stack import Stack
 from tests.fitting import check_fits
@@ -48,6 +49,10 @@ REFERENCE = {
     },
     (None, 0.0): {"all six": (2.38, 5.86, 9.50, 9.11, 3.33, 0.56, 0.45)},
 }
+
+
+def gdop_map(*what, **options):
+    return map_bounds(bound_map(*what, **options))
 
 
 def scenario_of(formation, acceleration):
@@ -135,7 +140,7 @@ def test_map_along_the_cuts_of_the_reference():
 
 def test_areas_count_cells():
     found = gdop_map(scenario_of(None, 0.1), {"all": SETS["all six"]}, spacing_km=500.0)
-    areas = gdop_areas(found)["all"]
+    areas = ground_areas(found)["all"]
     values = found["position"].values
     assert areas["visible"] == pytest.approx(0.25 * np.isfinite(values).sum())
     assert areas["position_below_2000_m"] == pytest.approx(0.25 * (values < 2000).sum()) and (values < 2000).any()
@@ -168,7 +173,7 @@ def test_users_mistakes_are_named():
 def test_figures_and_table(tmp_path, capsys, printed_tables):
     scenario = scenario_of(None, 0.1)
     scenario.estimators = {"iekf_tdoa_phase": scenario.estimators["iekf_tdoa_phase"]}
-    map_figures("three_satellite", scenario, tmp_path, progress=False)
+    map_figures(SYSTEM, scenario, tmp_path, progress=False)
     names = {"gdop_position_tdoa_phase_a.png", "gdop_height_tdoa_phase_a.png"}
     assert {path.name for path in tmp_path.iterdir()} == names
     printed = capsys.readouterr().out

@@ -72,7 +72,7 @@ def test_an_empty_folder_is_filled(tree):
 
 def test_a_run_that_fails_takes_away_only_the_folders_it_made(tree, monkeypatch):
     before = picture(tree)
-    monkeypatch.setattr("diagrams.bound_map.map_figures", lambda *arguments: 1 / 0)
+    monkeypatch.setattr("diagrams.maps.command.map_figures", lambda *arguments: 1 / 0)
     for out in ("x", "x/y/z", "thesis/x/y"):
         with pytest.raises(ZeroDivisionError):
             quietfix_raising(out)

@@ -81,7 +81,7 @@ def command():
 def shorten(monkeypatch):
     """Let `quietfix run` and `quietfix gdop` write a small result at once."""
     monkeypatch.setattr(command_line, "app", command())
-    monkeypatch.setattr("diagrams.bound_map.map_figures", lambda name, scenario, folder: (folder / "m.png").touch())
+    monkeypatch.setattr("diagrams.maps.command.map_figures", lambda of, scenario, folder: (folder / "m.png").touch())
     monkeypatch.setattr("diagrams.study.Study", ShortStudy)
     monkeypatch.setattr("diagrams.drawing.draw", draw)
     monkeypatch.setattr("diagrams.metrics.summarise", lambda dataset: {})

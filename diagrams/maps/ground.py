@@ -6,41 +6,28 @@ nor the prior; the map depends on both, so they are stated with every map.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams import dual_satellite
-from diagrams.bound_map import BoundMap, Plane, map_bounds
-from diagrams.errors import UserError, choose
+from diagrams.assembly.map import BoundMap, Plane
+from diagrams.errors import UserError
 from diagrams.formation import satellite_orbit
 from diagrams.ground import Airborne, beside_track, track_axes, tracks
-from diagrams.three_satellite import Scenario, models
 from systems.clocks import Periodic
 from systems.frames import inertial_to_earth_fixed, up
 from systems.measurement.base import MeasurementModel
-from systems.measurement.stack import Stack
 from systems.measurement.visibility import ElevationMask
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.motion.great_circle import straight_line
 
-__all__ = [
-    "HEIGHT_LIMITS",
-    "POSITION_LIMITS",
-    "Grid",
-    "Prior",
-    "dual_satellite_map",
-    "gdop_areas",
-    "gdop_map",
-    "ground_grid",
-    "ground_map",
-    "measurement_sets",
-    "three_satellite_map",
-]
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["HEIGHT_LIMITS", "POSITION_LIMITS", "Grid", "Prior", "ground_areas", "ground_grid", "ground_map"]
 
 Array = NDArray[np.float64]
 
@@ -84,15 +71,6 @@ class Prior:
             f"{self.height_m / 1e3:g} km in height, {self.horizontal_m / 1e3:g} km horizontally, "
             f"{self.velocity_mps:g} m/s per axis"
         )
-
-
-def measurement_sets(scenario: Scenario) -> dict[str, list[str]]:
-    """Return the sets of measurement kinds that the scenario's estimators use, each once, in their order."""
-    sets: dict[str, list[str]] = {}
-    for options in scenario.estimators.values():
-        kinds = list(getattr(options, "measurements", [])) or ["tdoa", "fdoa", "phase"]
-        sets.setdefault(" + ".join(kinds), kinds)
-    return sets
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,86 +168,13 @@ def ground_map(
     )
 
 
-def three_satellite_map(
-    scenario: Scenario,
-    sets: Mapping[str, Sequence[str]] | None = None,
-    spacing_km: float = 100.0,
-    extent_km: float = 1500.0,
-    prior: Prior | None = None,
-) -> BoundMap:
-    """Return the map of `three_satellite`; see `gdop_map`."""
-    available = models(scenario, believed=True)
-    chosen = measurement_sets(scenario) if sets is None else sets
-    stacks = {
-        name: Stack([available[choose("gdop: measurement", kind, available)] for kind in kinds])
-        for name, kinds in chosen.items()
-    }
-    grid = ground_grid(scenario, spacing_km, extent_km)
-    return ground_map(scenario, grid, stacks, scenario.belief.acceleration_mps2, prior or Prior())
-
-
-def dual_satellite_map(scenario: dual_satellite.Scenario) -> BoundMap:
-    """Return the map of `dual_satellite`: of the direction alone, of the differences alone, and of both.
-
-    The prior is that of `three_satellite`'s map, so that the two can be compared.
-    """
-    available = dual_satellite.models(scenario, believed=True)
-    sets = {
-        "direction": Stack([available["direction"]]),
-        "TDOA + FDOA": Stack([available["tdoa"], available["fdoa"]]),
-        "direction + TDOA + FDOA": Stack([available[kind] for kind in ("direction", "tdoa", "fdoa")]),
-    }
-    grid = ground_grid(scenario, count=2)
-    return ground_map(scenario, grid, sets, scenario.belief.acceleration_mps2, Prior())
-
-
-def gdop_map(
-    scenario: Scenario,
-    sets: Mapping[str, Sequence[str]] | None = None,
-    spacing_km: float = 100.0,
-    extent_km: float = 1500.0,
-    prior: Prior | None = None,
-    progress: bool = False,
-) -> xr.Dataset:
-    """Return the bound after the pass for targets of `three_satellite` on a grid over the ground.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Satellites, the target's height, speed and course, noise, and the filter's process noise.
-    sets : mapping of str to sequence of str, optional
-        Kinds of measurement by name of the set (``tdoa``, ``fdoa``, ``phase_a``, ``phase_b``; ``phase`` is both); by
-        default those of the scenario's estimators.
-    spacing_km, extent_km : float
-        See `ground_grid`.
-    prior : Prior, optional
-        What is known before the first measurement.
-    progress : bool
-        Show a progress bar.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``position`` and ``height`` (set, along, cross): the bounds at the last epoch [m], by the place at t = 0, NaN
-        where not all satellites are 3 deg above the target's horizon throughout. The height is that above the ellipsoid
-        where the target is at the last epoch. ``track`` (time, curve, axis): ground tracks [km]; coordinates
-        ``along`` and ``cross`` [km].
-
-    Raises
-    ------
-    UserError
-        For a kind that is not known, or a grid without points.
-    """
-    return map_bounds(three_satellite_map(scenario, sets, spacing_km, extent_km, prior), progress)
-
-
-def gdop_areas(dataset: xr.Dataset) -> dict[str, dict[str, float]]:
+def ground_areas(dataset: xr.Dataset) -> dict[str, dict[str, float]]:
     """Return the areas in which the bound is below the limits, and the bound at the centre.
 
     Parameters
     ----------
     dataset : xarray.Dataset
-        From `gdop_map`.
+        Bounds on a `ground_map`.
 
     Returns
     -------
@@ -302,7 +207,7 @@ def _print_areas(dataset: xr.Dataset) -> None:
         [Column("measurements"), "visible", *titles, "centre, position and height [km]"],
         caption=f"prior: {dataset.attrs['prior']}",
     )
-    for name, row in gdop_areas(dataset).items():
+    for name, row in ground_areas(dataset).items():
         cells: list[Any] = [f"{row['visible']:.2f}"]
         cells += [f"{row[f'{quantity}_below_{limit:.0f}_m']:.2f}" for quantity, limit in limits]
         cells.append(f"{row['centre_position_m'] / 1e3:.2f} / {row['centre_height_m'] / 1e3:.2f}")

@@ -1,0 +1,105 @@
+"""What a map of the bound is made of: targets on a plane, and all that their bound depends on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from systems.measurement.base import MeasurementModel
+from systems.motion.base import MotionModel
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["BoundMap", "Plane"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """Where the targets of a map are: a grid with a name and a label for either axis.
+
+    Parameters
+    ----------
+    names : (str, str)
+        Of the vertical and of the horizontal axis of the figure.
+    labels : (str, str)
+        The same with units.
+    values : (ndarray, ndarray), shapes (k,) and (l,)
+        In the units of the labels.
+    """
+
+    names: tuple[str, str]
+    labels: tuple[str, str]
+    values: tuple[Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class BoundMap:
+    """Targets on a plane, and all that their bound depends on.
+
+    Parameters
+    ----------
+    plane : Plane
+    seen : ndarray of bool, shape (k, l)
+        Which points have a bound.
+    truth : ndarray, shape (points, time, n)
+        The targets of the points that are seen, row after row.
+    platforms : ndarray, shape (1, time, p, 6)
+        Known carriers.
+    times : ndarray, shape (time,)
+        Epochs [s].
+    sets : mapping of str to MeasurementModel
+        What is measured, by name.
+    motion : MotionModel
+        With the filter's process noise.
+    prior : ndarray, shape (points or 1, n, n)
+        Covariance before the first measurement.
+    stated : mapping of str to str
+        In words: ``noise`` (process noise), ``prior``, ``target``.
+    track : ndarray, shape (steps, curves, 2)
+        Curves to draw, vertical and horizontal coordinate.
+    track_labels : sequence of str
+        What they are; the same word twice is one entry.
+    points : ndarray, shape (k, 2)
+        Places to mark, stations say.
+    points_label : str
+    first_epoch_used : bool
+        Whether the first epoch's measurement is in the prior already.
+    present : ndarray of bool, shape (points, time, m), optional
+        Which rows are measured.
+    quantities : tuple of str
+        Of `diagrams.metrics.QUANTITIES`.
+    frame
+        See `diagrams.assembly.model.Model`.
+    equal : bool
+        Whether both axes are lengths, to be drawn at the same scale.
+    report : callable, optional
+        Prints a table of the map's own instead of `print_map`.
+    """
+
+    plane: Plane
+    seen: Mask
+    truth: Array
+    platforms: Array
+    times: Array
+    sets: Mapping[str, MeasurementModel]
+    motion: MotionModel
+    prior: Array
+    stated: Mapping[str, str]
+    track: Array = field(default_factory=lambda: np.empty((0, 0, 2)))
+    track_labels: tuple[str, ...] = ()
+    points: Array = field(default_factory=lambda: np.empty((0, 2)))
+    points_label: str = ""
+    first_epoch_used: bool = False
+    present: Mask | None = None
+    quantities: tuple[str, ...] = ("position", "height")
+    frame: str = "earth_fixed"
+    equal: bool = True
+    report: Callable[[xr.Dataset], None] | None = None
