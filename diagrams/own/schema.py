@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Union
 from diagrams.formation import Constants
 from diagrams.own.movers import Fixed, Mover, RandomMotion
 from diagrams.own.sensors import Sensor
+from diagrams.own.starts import KnownHeight, Snapshot
 from systems.documented import choice, documented, number
 from systems.estimators.options import EstimatorOptions
 from systems.registry import estimator_options
@@ -123,7 +124,7 @@ class OwnScenario:
         "of the emitter, for !Frequency and !RangeRate; null: it has no error", None
     )
     belief: Belief = documented("what the estimators believe", factory=Belief)
-    start: Prior | Given = documented("how the estimators begin", factory=Prior)
+    start: Prior | Given | Snapshot | KnownHeight = documented("how the estimators begin", factory=Prior)
     estimators: dict[str, EstimatorChoice] = documented("the estimators side by side", factory=dict)
 
     @property

@@ -15,23 +15,22 @@ from diagrams.assembly.model import Assumed, Model, Part
 from diagrams.assembly.system import System
 from diagrams.errors import UserError, choose
 from diagrams.formation import gravity_constants
+from diagrams.own.beginning import Surroundings, begin
 from diagrams.own.movers import Mover, RandomMotion, Tle
 from diagrams.own.paths import Path, path_of
 from diagrams.own.places import Places
 from diagrams.own.records import Setting, old_elements
-from diagrams.own.schema import Given, OwnScenario, Prior
+from diagrams.own.schema import OwnScenario
 from diagrams.own.sensing import NAME, PlacedSensor, Together, differentiated, impaired, placed_sensors
-from diagrams.own.target import Target, spread_of, target_motion, true_motion, with_bias
+from diagrams.own.target import Target, target_motion, true_motion, with_bias
 from diagrams.parts.impairment import KnownPlatforms
 from diagrams.parts.movers import Platforms
 from diagrams.parts.sensing import TargetSensor
 from systems.clocks import Clock, Merged
 from systems.estimators.options import EstimatorOptions
-from systems.estimators.start import GivenStart, PortStart, Start
 from systems.measurement.base import MeasurementModel
 from systems.measurement.stack import Stack
 from systems.plants.path import Path as PathBlock
-from systems.sensors.prior import PriorEstimate
 
 __all__ = ["OwnScenario", "declare", "own_system"]
 
@@ -92,13 +91,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
 
     _check_seen(scenario, sensors, path, carriers)
     rows = [row for one in sensors for row in one.real.names]
-    began = scenario.start
-    spread = spread_of(scenario, began.sigma_position_m, began.sigma_velocity_mps, began.sigma_offset_hz)
-    start: Start = PortStart(spread)
-    if isinstance(began, Given):
-        mean = np.zeros(motion.size)
-        mean[:6] = path_of(began.at, frame, setting, constants, "start.at")(0.0)
-        start = GivenStart(mean, spread)
+    start, needed = begin(Surroundings(scenario, sensors, clock, motion.size, path, carriers, setting))
 
     def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
         return Assumed(_stacked(sensors, options, name), motion, start, rows)
@@ -109,8 +102,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         parts += [TargetSensor(one.name, one.real, one.clock, one.mask), impaired(one, frame)]
     parts.append(Together([one.name for one in sensors]))
     parts.append(KnownPlatforms(scenario.platform_errors.sigma_position_m, scenario.platform_errors.sigma_velocity_mps))
-    if isinstance(scenario.start, Prior):
-        parts.append(_prior(spread))
+    parts += needed
     return Model(
         clock=clock,
         duration=duration,
@@ -130,14 +122,6 @@ def _note(scenario: OwnScenario, target: Mover, setting: Setting) -> str:
     movers = {**{f"platforms.{name}": one for name, one in scenario.platforms.items()}, "target": target}
     notes = [old_elements(one, setting, where) for where, one in movers.items() if isinstance(one, Tle)]
     return " ".join(note for note in notes if note)
-
-
-def _prior(spread: Array) -> Part:
-    def part(bus: Bus) -> None:
-        prior = PriorEstimate(spread, bus.trials, bus.shape("target")[0])
-        bus.add(prior, gives={"initial_estimate": "initial_estimate"})
-
-    return part
 
 
 def own_system(path: FilePath) -> System:

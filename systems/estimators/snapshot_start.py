@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from systems.estimators.start import Start
+from systems.filters.linear_algebra import symmetric
 from systems.fixes.snapshot import snapshot_fix, starts_around
 from systems.measurement.base import MeasurementModel, positive
 
@@ -16,6 +17,7 @@ __all__ = ["SnapshotStart"]
 Array = NDArray[np.float64]
 
 _NOISE = "start_noise_covariance"
+_RANK = 1e-12  # smallest eigenvalue of the information, scaled to unit diagonal
 
 
 class SnapshotStart(Start):
@@ -36,6 +38,9 @@ class SnapshotStart(Start):
     noise_port : bool
         True where R comes with the measurement: the estimator then gets a port ``start_noise_covariance``, which
         is to be connected to the same output as its ``noise_covariance``.
+    places : callable
+        ``(platforms, height) -> (..., s, 3)``: where the search begins; `starts_around` of Earth-fixed axes,
+        `starts_around_level` of local ones.
 
     Raises
     ------
@@ -52,6 +57,7 @@ class SnapshotStart(Start):
         sigma_velocity: float,
         height: str | float = 0.0,
         noise_port: bool = False,
+        places: Callable[[Array, Array], Array] = starts_around,
     ) -> None:
         wanted = [*model.names, *([height] if isinstance(height, str) else [])]
         absent = [row for row in wanted if row not in stream]
@@ -64,6 +70,7 @@ class SnapshotStart(Start):
         self._height = 0.0 if isinstance(height, str) else float(height)
         self._sigma_velocity = positive(sigma_velocity, "sigma_velocity", "m/s")
         self._noise_port = noise_port
+        self._places = places
 
     @property
     def inputs(self) -> Mapping[str, int]:
@@ -85,10 +92,38 @@ class SnapshotStart(Start):
         if self._height_row is not None:
             height = measurement[:, self._height_row]
             height = np.where(np.isfinite(height), height, 0.0)
-        fix = snapshot_fix(measurement[:, self._rows], platforms, self._model, noise, starts_around(platforms, height))
+        fix = snapshot_fix(measurement[:, self._rows], platforms, self._model, noise, self._places(platforms, height))
         found = np.isfinite(fix.cost)
         mean[found, :3], mean[found, 3:] = fix.position[found], 0.0
         covariance[found] = 0.0
         covariance[found, :3, :3] = fix.covariance[found]
         covariance[found, 3:, 3:] = self._sigma_velocity**2 * np.eye(3)
         return mean, covariance
+
+    def covariance_at(self, target: Array, platforms: Array) -> Array | None:
+        r"""Return the covariance of the start for a target at `target`, shape (..., 6, 6), with all rows there.
+
+        The position's is the inverse of the rows' information at the truth, :math:`(H^T R^{-1} H)^{-1}`; NaN where they
+        do not determine a position. None where R comes with the measurement.
+        """
+        if self._noise_port:
+            return None
+        gradient = self._model.jacobian(target, platforms)[..., :3]
+        white = np.linalg.solve(np.linalg.cholesky(self._model.noise_covariance()), gradient)
+        covariance = np.zeros((*white.shape[:-2], 6, 6))
+        covariance[..., :3, :3] = _inverse(np.swapaxes(white, -1, -2) @ white)
+        covariance[..., 3:, 3:] = self._sigma_velocity**2 * np.eye(3)
+        return covariance
+
+
+def _inverse(information: Array) -> Array:
+    """Return the inverses of (..., 3, 3); NaN of one that is singular."""
+    scale = np.sqrt(np.einsum("...ii->...i", information))
+    good = np.isfinite(scale).all(axis=-1) & (scale > 0).all(axis=-1)
+    scale = np.where(good[..., None], scale, 1.0)
+    scaled = information / (scale[..., :, None] * scale[..., None, :])
+    scaled = np.where(good[..., None, None], scaled, np.eye(3))
+    good = good & (np.linalg.eigvalsh(scaled)[..., 0] > _RANK)
+    inverse = np.linalg.inv(np.where(good[..., None, None], scaled, np.eye(3)))
+    inverse = inverse / (scale[..., :, None] * scale[..., None, :])
+    return np.where(good[..., None, None], symmetric(inverse), np.nan)

@@ -20,7 +20,7 @@ from systems.filters.whitening import Whitener
 from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 from systems.measurement.base import MeasurementModel
 
-__all__ = ["SnapshotFix", "snapshot_fix", "starts_around"]
+__all__ = ["SnapshotFix", "snapshot_fix", "starts_around", "starts_around_level"]
 
 Array = NDArray[np.float64]
 
@@ -71,21 +71,39 @@ def starts_around(platforms: Array, height: Array, directions: int = 6) -> Array
     ndarray, shape (..., 1 + directions, 3)
         Earth-fixed [m]; NaN where no platform is known.
     """
+    middle, reach = _middle(platforms)
+    latitude, longitude, reach, height = np.broadcast_arrays(*ecef_to_geodetic(middle)[:2], reach, height)
+    above = geodetic_to_ecef(latitude, longitude, height)
+
+    offset = np.einsum("...ji,dj->...di", enu_rotation(latitude, longitude), _ring(directions)) * reach[..., None, None]
+    around = ecef_to_geodetic(above[..., None, :] + offset)
+    lifted = geodetic_to_ecef(around[0], around[1], height[..., None])
+    return np.concatenate([above[..., None, :], lifted], axis=-2)
+
+
+def starts_around_level(platforms: Array, height: Array, directions: int = 6) -> Array:
+    """Return the same places as `starts_around` in local axes: east, north, up on a flat Earth."""
+    middle, reach = _middle(platforms)
+    reach, height = np.broadcast_arrays(reach, height)
+    above = np.concatenate([np.broadcast_to(middle, (*height.shape, 3))[..., :2], height[..., None]], axis=-1)
+    around = above[..., None, :] + reach[..., None, None] * _ring(directions)
+    return np.concatenate([above[..., None, :], around], axis=-2)
+
+
+def _middle(platforms: Array) -> tuple[Array, Array]:
+    """Return the middle (..., 3) of the platforms that are known and the distance of the outermost one (...)."""
     position = platforms[..., :3]
     known = np.all(np.isfinite(position), axis=-1)
     count = np.count_nonzero(known, axis=-1)
     present = np.where(known[..., None], position, 0.0)
     middle = present.sum(axis=-2) / np.where(count > 0, count, np.nan)[..., None]
-    reach = np.where(known, np.linalg.norm(present - middle[..., None, :], axis=-1), 0.0).max(axis=-1)
-    latitude, longitude, reach, height = np.broadcast_arrays(*ecef_to_geodetic(middle)[:2], reach, height)
-    above = geodetic_to_ecef(latitude, longitude, height)
+    return middle, np.where(known, np.linalg.norm(present - middle[..., None, :], axis=-1), 0.0).max(axis=-1)
 
+
+def _ring(directions: int) -> Array:
+    """Return unit vectors to the east, north and up around a circle, shape (directions, 3)."""
     azimuth = 2 * np.pi * np.arange(directions) / directions
-    ring = np.stack([np.sin(azimuth), np.cos(azimuth), np.zeros(directions)], axis=-1)
-    offset = np.einsum("...ji,dj->...di", enu_rotation(latitude, longitude), ring) * reach[..., None, None]
-    around = ecef_to_geodetic(above[..., None, :] + offset)
-    lifted = geodetic_to_ecef(around[0], around[1], height[..., None])
-    return np.concatenate([above[..., None, :], lifted], axis=-2)
+    return np.stack([np.sin(azimuth), np.cos(azimuth), np.zeros(directions)], axis=-1)
 
 
 def snapshot_fix(

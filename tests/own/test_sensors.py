@@ -150,3 +150,78 @@ def test_a_row_that_two_sensors_have_is_refused(folder):
     text = LOCAL + "sensors:\n  one: !Altitude {}\n  two: !Altitude {every_s: 2}\n"
     with pytest.raises(UserError, match=r"sensors.two: row altitude is not allowed; sensors.one has it already"):
         declared(text, folder)
+
+
+# ------------------------------------------------------------------------------------------------- starts
+
+RANGES = "sensors:\n  range: !Range {sigma_m: 20}\n  height: !Altitude {sigma_m: 15}\n"
+SATELLITES = """
+frame: earth_fixed
+duration_s: 20
+constants: {j2: 0}
+platforms:
+  a: !Kepler {semi_major_axis_km: 7078, inclination_deg: 60, true_anomaly_deg: 2}
+  b: !Kepler {semi_major_axis_km: 7078, inclination_deg: 60, true_anomaly_deg: 3}
+  c: !Kepler {semi_major_axis_km: 7078, inclination_deg: 60, raan_deg: 1, true_anomaly_deg: 2}
+target: !GreatCircle {latitude_deg: 3, longitude_deg: 3, height_m: 8000, speed_mps: 200}
+belief: {motion: !WhiteNoiseAcceleration {density_m2ps3: 1.0e-3}}
+estimators: {ekf: !Iekf {}}
+"""
+
+
+def started(text, start):
+    kept = "".join(line + "\n" for line in text.splitlines() if not line.startswith("start:"))
+    return kept + f"start: {start}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "start"),
+    [
+        (LOCAL + RANGES, "!Snapshot {sigma_velocity_mps: 40}"),
+        (SATELLITES + RANGES, "!Snapshot {sensors: [range], height_m: 9000, sigma_velocity_mps: 150}"),
+        (SATELLITES + "sensors:\n  tdoa: !Tdoa {}\n", "!KnownHeight {sigma_height_m: 500, sigma_velocity_mps: 150}"),
+    ],
+    ids=["snapshot, local", "snapshot, earth_fixed", "known height"],
+)
+def test_a_start_by_a_fix_is_as_good_as_it_says(folder, text, start):
+    _, assembly = declared(started(text, start), folder)
+    prior, spent = assembly.estimators["ekf"].bound_prior(
+        *(
+            port.Eval(port.get_system().CreateDefaultContext()).reshape(shape)
+            for port, shape in ((assembly.truth, (1, -1)), (assembly.platforms, (1, -1, 6)))
+        )
+    )
+    assert spent and np.linalg.eigvalsh(prior[0])[0] > 0
+    # so soon after the fix its covariance is all that there is
+    brief = started(text, start).replace("duration_s: 20", "duration_s: 0.001")
+    error, covariance = end(brief, folder, 200)
+    position = slice(0, 3)
+    # the mean of 200 chi-square of 3, over 3: standard deviation 0.058; four of them
+    assert abs(nees(error[:, position], covariance[:, position, position]) - 1) < 0.23
+    ratio = np.trace(np.mean(covariance, axis=0)[position, position]) / np.trace(prior[0, position, position])
+    assert 0.8 < ratio < 1.25
+
+
+@pytest.mark.parametrize(
+    ("text", "start", "words"),
+    [
+        (LOCAL + RANGES, "!KnownHeight {}", "start: !KnownHeight is for frame earth_fixed only, this is local"),
+        (SATELLITES + RANGES, "!KnownHeight {}", "start: !KnownHeight needs a !Tdoa of two rows; there is none"),
+        (LOCAL + RANGES, "!Snapshot {sensors: [height]}", r"start.sensors: \['altitude'\] are not enough"),
+        (LOCAL + RANGES, "!Snapshot {sensors: [rangy]}", r"start.sensors: rangy is not known \(did you mean range"),
+        (LOCAL + "sensors: {doppler: !RangeRate {}}\n", "!Snapshot {}", "doppler is not allowed; a fix is of rows"),
+        (
+            LOCAL + "sensors: {r: !Range {}, h: !Altitude {offset_s: 2}}\n",
+            "!Snapshot {}",
+            "h is not allowed; it measures from 2 s on, the first measurement is at 0 s",
+        ),
+        (
+            LOCAL + RANGES + "oscillator: {}\n",
+            "!Snapshot {}",
+            "start.sensors: a fix knows nothing of the oscillator",
+        ),
+    ],
+)
+def test_a_start_that_does_not_fit_is_refused(folder, text, start, words):
+    with pytest.raises(UserError, match=words):
+        declared(started(text, start), folder)

@@ -1,0 +1,148 @@
+"""How the estimators of a system of one's own begin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagrams.assembly.bus import Bus
+from diagrams.assembly.model import Part
+from diagrams.errors import UserError, choose
+from diagrams.formation import gravity_constants
+from diagrams.own.paths import Path, path_of
+from diagrams.own.records import Setting
+from diagrams.own.schema import Given, OwnScenario, Prior
+from diagrams.own.sensing import PlacedSensor
+from diagrams.own.starts import KnownHeight, Snapshot
+from diagrams.own.target import spread_of
+from diagrams.parts.sensing import TargetSensor
+from systems.clocks import Clock
+from systems.estimators.known_height_start import KnownHeightStart
+from systems.estimators.snapshot_start import SnapshotStart
+from systems.estimators.start import GivenStart, PortStart, Start
+from systems.fixes.known_height import Method
+from systems.fixes.snapshot import starts_around, starts_around_level
+from systems.measurement.altitude import Altitude
+from systems.measurement.stack import Stack
+from systems.measurement.tdoa import Tdoa
+from systems.sensors.prior import PriorEstimate
+
+__all__ = ["Surroundings", "begin"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a start is made from.
+
+    Attributes
+    ----------
+    scenario : OwnScenario
+    sensors : sequence of PlacedSensor
+    clock : Clock
+        When measurements come.
+    states : int
+        Number of components of the state.
+    target, carriers : callable
+        States (6,) and (6 p,) at a time [s], as they are.
+    setting : Setting
+        Length of a run, its date, and where files are.
+    """
+
+    scenario: OwnScenario
+    sensors: Sequence[PlacedSensor]
+    clock: Clock
+    states: int
+    target: Path
+    carriers: Callable[[float], Array]
+    setting: Setting
+
+    @property
+    def rows(self) -> list[str]:
+        """Names of all rows that are measured."""
+        return [row for one in self.sensors for row in one.real.names]
+
+    def first(self, where: str, names: Sequence[str]) -> list[PlacedSensor]:
+        """Return sensors of these names, all if none is named; all of them must see the target at the first instant."""
+        known = {one.name: one for one in self.sensors}
+        chosen = [known[choose(where, name, known)] for name in names or known]
+        if self.states != 6:
+            raise UserError(f"{where}: a fix knows nothing of the oscillator; !Prior or !Given")
+        time = min(one.field.offset_s for one in self.sensors)
+        target, carriers = self.target(time)[None], self.carriers(time).reshape(1, -1, 6)
+        for one in chosen:
+            if one.field.offset_s > time:
+                raise UserError(
+                    f"{where}: {one.name} is not allowed; it measures from {one.field.offset_s:g} s on, the first "
+                    f"measurement is at {time:g} s"
+                )
+            used = one.real.platforms_used(carriers.shape[-2]).any(axis=0)
+            if one.mask is not None and not one.mask.visible(target, carriers)[..., used].all():
+                raise UserError(
+                    f"{where}: {one.name} is not allowed; at {time:g} s one of its platforms does not see the target"
+                )
+            if one.believed.jacobian(target, carriers)[..., 3:].any():
+                raise UserError(
+                    f"{where}: {one.name} is not allowed; a fix is of rows that depend on the position alone"
+                )
+        return chosen
+
+
+def begin(around: Surroundings) -> tuple[Start, list[Part]]:
+    """Return the start and the parts that it needs."""
+    field, scenario = around.scenario.start, around.scenario
+    if isinstance(field, Snapshot):
+        return _snapshot(field, around), []
+    if isinstance(field, KnownHeight):
+        return _known_height(field, around)
+    spread = spread_of(scenario, field.sigma_position_m, field.sigma_velocity_mps, field.sigma_offset_hz)
+    if isinstance(field, Given):
+        mean, constants = np.zeros(around.states), gravity_constants(scenario.constants)
+        mean[:6] = path_of(field.at, scenario.frame, around.setting, constants, "start.at")(0.0)
+        return GivenStart(mean, spread), []
+    assert isinstance(field, Prior)
+    return PortStart(spread), [_prior(spread)]
+
+
+def _prior(spread: Array) -> Part:
+    def part(bus: Bus) -> None:
+        prior = PriorEstimate(spread, bus.trials, bus.shape("target")[0])
+        bus.add(prior, gives={"initial_estimate": "initial_estimate"})
+
+    return part
+
+
+def _snapshot(field: Snapshot, around: Surroundings) -> Start:
+    if around.scenario.frame == "inertial":
+        raise UserError("start: !Snapshot is not allowed in frame inertial; local or earth_fixed")
+    model = Stack([one.believed for one in around.first("start.sensors", field.sensors)])
+    if model.size < 3:
+        raise UserError(f"start.sensors: {list(model.names)} are not enough; a position takes three rows")
+    places = starts_around_level if around.scenario.frame == "local" else starts_around
+    return SnapshotStart(model, around.rows, field.sigma_velocity_mps, field.height_m, places=places)
+
+
+def _known_height(field: KnownHeight, around: Surroundings) -> tuple[Start, list[Part]]:
+    if around.scenario.frame != "earth_fixed":
+        raise UserError(f"start: !KnownHeight is for frame earth_fixed only, this is {around.scenario.frame}")
+    able = [one.name for one in around.sensors if isinstance(one.believed, Tdoa) and one.believed.size == 2]
+    if not able:
+        raise UserError("start: !KnownHeight needs a !Tdoa of two rows; there is none")
+    if not field.sensor and len(able) > 1:
+        raise UserError(f"start.sensor: none is given; one of {', '.join(able)}")
+    name = choose("start.sensor", field.sensor or able[0], able)
+    tdoa = next(one for one in around.sensors if one.name == name).believed
+    assert isinstance(tdoa, Tdoa)
+    if not tdoa.light_time:  # with light time the start itself allows for the velocity
+        around.first("start.sensor", [name])
+    if around.states != 6:
+        raise UserError("start: a fix knows nothing of the oscillator; !Prior or !Given")
+    method = cast(Method, field.method)
+    start = KnownHeightStart(tdoa, around.rows, field.sigma_height_m, field.sigma_velocity_mps, method=method)
+    height = Altitude(field.sigma_height_m, "assumed_height")
+    return start, [TargetSensor("assumed_height", height, around.clock)]
