@@ -12,7 +12,7 @@ from diagrams.assembly.bus import Bus
 from diagrams.errors import UserError, choose
 from diagrams.own.places import Places
 from diagrams.own.schema import OwnScenario
-from diagrams.own.sensors import Bearing, Sensor, Tdoa
+from diagrams.own.sensors import Bearing, Sensor, Tdoa, Toa
 from diagrams.parts.impairment import Impaired, Mount
 from diagrams.sensor_errors import refuse
 from systems.clocks import Periodic
@@ -28,8 +28,28 @@ __all__ = ["NAME", "PlacedSensor", "Together", "differentiated", "impaired", "pl
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 """What a platform or a sensor may be called: rows and blocks are named after them."""
 
-_TAKEN = {"carriers", "flight", "initial_estimate", "known", "measured", "measurement", "measurements", "oscillator"}
-_TAKEN |= {"platform_error", "platforms", "prediction", "prediction_covariance", "prior", "raw", "target", "truth"}
+_TAKEN = {
+    "assumed_height",
+    "carriers",
+    "flight",
+    "initial_estimate",
+    "known",
+    "measured",
+    "measurement",
+    "measurements",
+    "oscillator",
+}
+_TAKEN |= {
+    "assumed_height",
+    "platform_error",
+    "platforms",
+    "prediction",
+    "prediction_covariance",
+    "prior",
+    "raw",
+    "target",
+    "truth",
+}
 _ENDS = ("_raw", "_reading_error", "_attitude_error")
 
 
@@ -119,11 +139,11 @@ def impaired(one: PlacedSensor, frame: str) -> Impaired:
         mounts = [Mount(model.names, model.platform)]
     else:
         refused["attitude"] = "only a !Bearing in local axes has a direction that it may be off in"
-    if isinstance(one.field, Tdoa) and isinstance(model, Differenced):
+    if isinstance(one.field, Tdoa | Toa) and isinstance(model, Differenced):
         pairs = zip(model.names, model.receivers, strict=True)
         clocks = {row: (receiver, model.reference) for row, receiver in pairs}
     else:
-        refused["clock_offset"] = "only a !Tdoa compares clocks"
+        refused["clock_offset"] = "only a !Tdoa or a !Toa compares clocks"
     refuse(one.field.errors, where, refused)
     raw = f"{one.name}_raw"
     return Impaired(

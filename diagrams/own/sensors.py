@@ -3,24 +3,41 @@
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from diagrams.errors import UserError
 from diagrams.own.custom import Custom
 from diagrams.own.places import Places, Timed
 from systems.documented import documented, number, text
 from systems.measurement.altitude import Altitude as AltitudeModel
-from systems.measurement.base import MeasurementModel
+from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
 from systems.measurement.bearing import Bearing as BearingModel
 from systems.measurement.component import Component
 from systems.measurement.distance import Range as RangeModel
 from systems.measurement.fdoa import Fdoa as FdoaModel
 from systems.measurement.frequency import Frequency as FrequencyModel
 from systems.measurement.horizon import HorizonBearing
+from systems.measurement.phase import InterferometerPhase
 from systems.measurement.range_rate import RangeRate as RangeRateModel
+from systems.measurement.received_power import ReceivedPower
+from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
 from systems.measurement.tdoa import Tdoa as TdoaModel
 
-__all__ = ["Altitude", "Bearing", "Custom", "Fdoa", "Frequency", "Places", "Range", "RangeRate", "Sensor", "Tdoa"]
+__all__ = [
+    "Altitude",
+    "Bearing",
+    "Custom",
+    "Fdoa",
+    "Frequency",
+    "Phase",
+    "Range",
+    "RangeRate",
+    "Relative",
+    "Rss",
+    "Sensor",
+    "Tdoa",
+    "Toa",
+]
 
 
 @dataclass
@@ -38,11 +55,14 @@ class _Differenced(Timed):
             raise UserError(f"{where}.receivers: {reference} is not allowed; it is the reference")
         return reference, number_, receivers
 
-    def _common(self, places: Places) -> dict[str, Any]:
-        if self.light_time and places.frame != "earth_fixed":
-            raise UserError("light_time: true is for frame earth_fixed only")
-        rate = places.constants.earth_rate
-        return {"correlated": self.correlated, "light_time": self.light_time, "earth_rate": rate}
+    def _common(self, places: Places, where: str) -> dict[str, Any]:
+        return {"correlated": self.correlated, **_wave(self.light_time, places, where)}
+
+
+def _wave(light_time: bool, places: Places, where: str) -> dict[str, Any]:
+    if light_time and places.frame != "earth_fixed":
+        raise UserError(f"{where}.light_time: true is for frame earth_fixed only, this is {places.frame}")
+    return {"light_time": light_time, "earth_rate": places.constants.earth_rate}
 
 
 @dataclass
@@ -54,8 +74,36 @@ class Tdoa(_Differenced):
     def model(self, places: Places, where: str) -> MeasurementModel:
         """Return the measurement model; rows ``tdoa_RECEIVER_REFERENCE`` [s]."""
         name, reference, receivers = self._pairs(places, where)
-        model = TdoaModel(self.sigma_ns * 1e-9, list(receivers.values()), reference, **self._common(places))
+        model = TdoaModel(self.sigma_ns * 1e-9, list(receivers.values()), reference, **self._common(places, where))
         model.names = tuple(f"tdoa_{receiver}_{name}" for receiver in receivers)
+        return model
+
+
+@dataclass
+class Toa(Timed):
+    r"""Times of arrival of a signal whose time of emission nobody knows.
+
+    :math:`t_i = t_e + r_i/c + n_i` with independent errors of standard deviation s. Weighted least squares over
+    :math:`t_e` leaves the same of :math:`t_i - t_0`, whose errors all have :math:`n_0` in them:
+    :math:`R = s^2 (I + 1 1^T)`, that is correlated differences of :math:`\sigma = \sqrt 2 s`. Nothing is lost, and
+    it does not matter which station is the first, unless that one hears nothing: then there are no rows at all.
+    """
+
+    stations: list[str] = documented(
+        "platforms that hear it, the first of them the reference; empty: all", factory=list
+    )
+    sigma_ns: float = number("standard deviation of a time of arrival [ns]", 50.0, above=0)
+    light_time: bool = documented("of one wave front, instead of the geometry of one instant", False)
+
+    def model(self, places: Places, where: str) -> MeasurementModel:
+        """Return the measurement model; rows ``toa_STATION_REFERENCE`` [s]."""
+        stations = places.numbers(self.stations, f"{where}.stations")
+        if len(stations) < 2:
+            raise UserError(f"{where}.stations: {list(stations)} is not allowed; at least two, to tell the emission")
+        (name, reference), *others = stations.items()
+        common = {"correlated": True, **_wave(self.light_time, places, where)}
+        model = TdoaModel(math.sqrt(2) * self.sigma_ns * 1e-9, [i for _, i in others], reference, **common)
+        model.names = tuple(f"toa_{station}_{name}" for station, _ in others)
         return model
 
 
@@ -70,7 +118,7 @@ class Fdoa(_Differenced):
         """Return the measurement model; rows ``fdoa_RECEIVER_REFERENCE`` [Hz]."""
         name, reference, receivers = self._pairs(places, where)
         carrier = self.carrier_mhz * 1e6
-        model = FdoaModel(self.sigma_hz, carrier, list(receivers.values()), reference, **self._common(places))
+        model = FdoaModel(self.sigma_hz, carrier, list(receivers.values()), reference, **self._common(places, where))
         model.names = tuple(f"fdoa_{receiver}_{name}" for receiver in receivers)
         return model
 
@@ -155,5 +203,87 @@ class Altitude(Timed):
         return Component(2, self.sigma_m, "altitude", "m") if places.frame == "local" else AltitudeModel(self.sigma_m)
 
 
-Sensor = Tdoa | Fdoa | Range | RangeRate | Frequency | Bearing | Altitude | Custom
+@dataclass
+class Rss(Timed):
+    """Received powers of an emitter of known power, by the log-distance law."""
+
+    stations: list[str] = documented("platforms that measure; empty: all", factory=list)
+    sigma_db: float = number("standard deviation of the shadowing [dB]", 4.0, above=0)
+    power_dbm: float = number("power received at 1 m, extrapolated from the far field [dBm]", -30.0)
+    exponent: float = number("exponent of the path loss; 2 in free space", 2.0, above=0, at_most=10)
+
+    def model(self, places: Places, where: str) -> MeasurementModel:
+        """Return the measurement model; rows ``rss_PLATFORM`` [dBm]."""
+        stations = places.numbers(self.stations, f"{where}.stations")
+        model = ReceivedPower(self.sigma_db, self.power_dbm, self.exponent, list(stations.values()))
+        model.names = tuple(f"rss_{station}" for station in stations)
+        return model
+
+
+@dataclass
+class Phase(Timed):
+    """Phase differences of an interferometer that points to nadir: baseline a along the satellite's track, b across."""
+
+    platform: str = text("which one; empty: the first")
+    axes: list[str] = documented("its baselines: a, b or both", factory=lambda: ["a", "b"])
+    sigma_deg: float = number("standard deviation of a phase [deg]", 15.0, above=0)
+    baseline_m: float = number("length of a baseline [m]", 3.0, above=0)
+    carrier_mhz: float = number("carrier frequency [MHz]", 1000.0, above=0)
+    wrapped: bool = documented("reported in [-180, 180) deg; an estimator takes the cycle next to its own", False)
+
+    def model(self, places: Places, where: str) -> MeasurementModel:
+        """Return the measurement model; rows ``phase_AXIS_PLATFORM`` [rad]."""
+        if places.frame == "local":
+            raise UserError(f"{where}: !Phase is not allowed in frame local; earth_fixed or inertial")
+        if len(set(self.axes)) < len(self.axes):
+            raise UserError(f"{where}.axes: {self.axes} is not allowed; an axis is named twice")
+        name = self.platform or next(iter(places.platforms))
+        model = InterferometerPhase(
+            math.radians(self.sigma_deg),
+            self.baseline_m,
+            SPEED_OF_LIGHT / (self.carrier_mhz * 1e6),
+            cast(Any, self.axes),
+            places.number(name, f"{where}.platform"),
+            self.wrapped,
+            places.constants.earth_rate if places.frame == "earth_fixed" else 0.0,  # inertial velocities are so already
+        )
+        model.names = tuple(f"{row}_{name}" for row in model.names)
+        return model
+
+
+@dataclass
+class Relative(Timed):
+    """What a satellite measures of another one, in inertial axes; null: that is not measured."""
+
+    platform: str = text("the one that measures; empty: the first")
+    sigma_azimuth_deg: float | None = number("standard deviation of the azimuth [deg]", 0.05, above=0)
+    sigma_elevation_deg: float | None = number("of the elevation [deg]", 0.05, above=0)
+    sigma_azimuth_rate_degps: float | None = number("of the azimuth's rate [deg/s]", None, above=0)
+    sigma_elevation_rate_degps: float | None = number("of the elevation's rate [deg/s]", None, above=0)
+    sigma_radial_velocity_mps: float | None = number("of the radial velocity [m/s]", None, above=0)
+    sigma_radial_acceleration_mps2: float | None = number(
+        "of the radial acceleration, of a target that falls [m/s^2]", None, above=0
+    )
+
+    def model(self, places: Places, where: str) -> MeasurementModel:
+        """Return the measurement model; rows ``azimuth_PLATFORM`` [rad] to ``radial_acceleration_PLATFORM`` [m/s^2]."""
+        if places.frame != "inertial":
+            raise UserError(f"{where}: !Relative is for frame inertial only, this is {places.frame}")
+        name = self.platform or next(iter(places.platforms))
+        suffixes = {"rad": ("deg", math.radians(1.0)), "rad/s": ("degps", math.radians(1.0)), "m/s": ("mps", 1.0)}
+        sigmas = {}
+        for row, unit in ROWS.items():
+            suffix, scale = suffixes.get(unit, ("mps2", 1.0))
+            sigma = getattr(self, f"sigma_{row}_{suffix}")
+            if sigma is not None:
+                sigmas[row] = sigma * scale
+        if not sigmas:
+            raise UserError(f"{where}: nothing is measured; at least one sigma_ is needed")
+        observer = places.number(name, f"{where}.platform")
+        model = RelativeKinematics(sigmas, places.constants, places.constants.j2 != 0, observer)
+        model.names = tuple(f"{row}_{name}" for row in model.names)
+        return model
+
+
+Sensor = Tdoa | Toa | Fdoa | Range | RangeRate | Frequency | Bearing | Altitude | Rss | Phase | Relative | Custom
 """Whatever measures."""

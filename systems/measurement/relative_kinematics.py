@@ -130,7 +130,7 @@ class RelativeKinematics(MeasurementModel):
 
     def represent(self, value: Array) -> Array:
         """See `MeasurementModel.represent`: an azimuth in [-pi, pi)."""
-        if "azimuth" not in self.names:
+        if self._rows[0] != 0:  # by number, as the rows may be renamed
             return value
         shown = np.array(value)
         shown[..., 0] = wrap(shown[..., 0])

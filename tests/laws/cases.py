@@ -34,6 +34,7 @@ from systems.measurement.phase import InterferometerPhase
 from systems.measurement.position import Position
 from systems.measurement.range_rate import RangeRate
 from systems.measurement.ranged_position import RangedPosition
+from systems.measurement.received_power import ReceivedPower
 from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
@@ -230,6 +231,7 @@ MEASUREMENTS = {
     "range rates at some stations": (RangeRate(0.03, [3, 1]), "stations"),
     "range rates, target at rest": (RangeRate(0.03, [0, 2], at_rest=True), "satellites"),
     "altitude, stations": (Altitude(30.0), "stations"),
+    "received power": (ReceivedPower(4.0, -30.0, 2.5, [4, 0]), "stations"),
     "ranges": (Range(5.0, [0, 2, 3]), "stations"),
     "azimuth over the horizon": (HorizonBearing(0.02, platform=2), "stations"),
     "azimuth and elevation over the horizon": (HorizonBearing(0.02, 0.01, platform=1), "stations"),

@@ -225,3 +225,100 @@ def test_a_start_by_a_fix_is_as_good_as_it_says(folder, text, start):
 def test_a_start_that_does_not_fit_is_refused(folder, text, start, words):
     with pytest.raises(UserError, match=words):
         declared(started(text, start), folder)
+
+
+# ------------------------------------------------------------------------------------------------- sensors
+
+
+def test_arrival_times_weigh_as_least_squares_over_the_emission(folder):
+    _, assembly = declared(LOCAL + "sensors: {toa: !Toa {sigma_ns: 40}}\n", folder)
+    model = assembly.estimators["ekf"].model
+    assert model.names == ("toa_bravo_alpha", "toa_charlie_alpha", "toa_delta_alpha")
+    target = np.array([[-2e3, 3e3, 1e3, 40.0, 10.0, 0.0]])
+    carriers = np.zeros((1, 4, 6))
+    carriers[0, :, :3] = [[-8e3, -5e3, 30], [9e3, -4e3, 120], [1e3, 9e3, 60], [0, 0, 5]]
+    rows = model.jacobian(target, carriers)[0, :, :3]
+    information = rows.T @ np.linalg.solve(model.noise_covariance(), rows)
+    # the other way: four independent arrival times, the emission a fourth unknown, which is marginalised
+    offset = target[0, :3] - carriers[0, :, :3]
+    gradient = offset / np.linalg.norm(offset, axis=1)[:, None] / 299792458.0
+    both = np.concatenate([gradient, np.ones((4, 1))], axis=1) / 40e-9
+    full = both.T @ both
+    expected = full[:3, :3] - np.outer(full[:3, 3], full[3, :3]) / full[3, 3]
+    np.testing.assert_allclose(information, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+INERTIAL = """
+frame: inertial
+duration_s: 120
+constants: {j2: 0}
+platforms:
+  high: !Kepler {semi_major_axis_km: 12000, inclination_deg: 50, true_anomaly_deg: 2}
+target: !Kepler {semi_major_axis_km: 7400, inclination_deg: 62, true_anomaly_deg: 4}
+belief: {motion: !Orbital {density_m2ps3: 1.0e-8}}
+start: !Prior {sigma_position_m: 300, sigma_velocity_mps: 5}
+estimators: {ekf: !Iekf {}}
+"""
+SIX = (
+    "sigma_azimuth_rate_degps: 0.001, sigma_elevation_rate_degps: 0.001, sigma_radial_velocity_mps: 0.5, "
+    "sigma_radial_acceleration_mps2: 0.01"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "sensors", "rows"),
+    [
+        (
+            LOCAL,
+            "toa: !Toa {sigma_ns: 40}, h: !Altitude {}",
+            "toa_bravo_alpha toa_charlie_alpha toa_delta_alpha altitude",
+        ),
+        (LOCAL, "rss: !Rss {stations: [bravo, delta], sigma_db: 0.5}, h: !Altitude {}", "rss_bravo rss_delta altitude"),
+        (SATELLITES, "tdoa: !Tdoa {}, phase: !Phase {platform: b}", "tdoa_b_a tdoa_c_a phase_a_b phase_b_b"),
+        (
+            SATELLITES,
+            "phase: !Phase {wrapped: true, axes: [b], baseline_m: 0.6}, h: !Altitude {}",
+            "phase_b_a altitude",
+        ),
+        (
+            INERTIAL,
+            "see: !Relative {sigma_azimuth_deg: 0.002, sigma_elevation_deg: 0.002}",
+            "azimuth_high elevation_high",
+        ),
+        (
+            INERTIAL,
+            f"see: !Relative {{{SIX}, every_s: 5}}",
+            "azimuth_high elevation_high azimuth_rate_high elevation_rate_high radial_velocity_high "
+            "radial_acceleration_high",
+        ),
+    ],
+    ids=["toa", "rss", "phase", "wrapped phase", "angles between satellites", "six rows between satellites"],
+)
+def test_a_sensor_is_consistent(folder, text, sensors, rows):
+    text = text if "start:" in text else text + "start: !Prior {sigma_position_m: 300, sigma_velocity_mps: 5}\n"
+    text += f"sensors: {{{sensors}}}\n"
+    _, assembly = declared(text, folder)
+    assert list(assembly.stream) == rows.split()
+    error, covariance = end(text, folder, 100)
+    # the mean of 100 chi-square of 6, over 6: standard deviation 0.058; the truth has no process noise
+    assert 0.7 < nees(error, covariance) < 1.25
+    prior = np.diag([300.0**2] * 3 + [5.0**2] * 3)
+    assert np.linalg.slogdet(np.mean(covariance, axis=0))[1] < np.linalg.slogdet(prior)[1] - 2
+
+
+@pytest.mark.parametrize(
+    ("text", "sensor", "words"),
+    [
+        (LOCAL, "!Phase {}", "sensors.one: !Phase is not allowed in frame local; earth_fixed or inertial"),
+        (SATELLITES, "!Phase {axes: [c]}", r"sensors.one: phase axes: \['c'\] is not allowed"),
+        (SATELLITES, "!Phase {axes: [a, a]}", "sensors.one.axes: .* an axis is named twice"),
+        (SATELLITES, "!Relative {}", "sensors.one: !Relative is for frame inertial only, this is earth_fixed"),
+        (INERTIAL, "!Relative {sigma_azimuth_deg: null, sigma_elevation_deg: null}", "nothing is measured"),
+        (LOCAL, "!Toa {stations: [delta]}", r"sensors.one.stations: \['delta'\] is not allowed; at least two"),
+        (LOCAL, "!Rss {exponent: 0}", "sensors.one.exponent: 0 is not allowed; a finite number > 0"),
+        (LOCAL, "!Toa {light_time: true}", "sensors.one.light_time: true is for frame earth_fixed only"),
+    ],
+)
+def test_a_sensor_that_does_not_fit_is_refused(folder, text, sensor, words):
+    with pytest.raises(UserError, match=words):
+        declared(text + f"sensors: {{one: {sensor}}}\n", folder)
