@@ -259,6 +259,7 @@ belief: {motion: !Orbital {density_m2ps3: 1.0e-8}}
 start: !Prior {sigma_position_m: 300, sigma_velocity_mps: 5}
 estimators: {ekf: !Iekf {}}
 """
+FINE = "sigma_azimuth_deg: 0.002, sigma_elevation_deg: 0.002"
 SIX = (
     "sigma_azimuth_rate_degps: 0.001, sigma_elevation_rate_degps: 0.001, sigma_radial_velocity_mps: 0.5, "
     "sigma_radial_acceleration_mps2: 0.01"
