@@ -91,19 +91,29 @@ def list_() -> None:
 
 @app.command()
 def show(
-    system: Annotated[str, _SYSTEM],
+    system: Annotated[str | None, _SYSTEM] = None,
     settings: Annotated[list[str] | None, _SET] = None,
     scenario: Annotated[Path | None, _SCENARIO] = None,
+    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON Schema of its file instead.")] = False,
 ) -> None:
     """Print the resolved scenario with a comment on every field, to be edited and used with --scenario.
 
     Of a recording, such as locards: the settings of its replay, for `quietfix replay DATASET --set KEY=VALUE`.
+    With --schema, for an editor that completes and checks the file; without SYSTEM that of a system of one's own.
     """
     from diagrams.catalogue import load_scenario, split_name
     from diagrams.errors import UserError
+    from diagrams.json_schema import schema_text
     from diagrams.replay import REPLAYS, replay_settings
     from diagrams.scenario import dump
 
+    if schema:
+        if settings or scenario is not None:
+            raise UserError("--schema: it is not allowed with --set or --scenario; it is the same for all values")
+        print(schema_text(system))
+        return
+    if system is None:
+        raise UserError("SYSTEM: none is given; see `quietfix list`")
     if system in REPLAYS:
         if scenario is not None:
             raise UserError(f"--scenario: {scenario} is not allowed for the recording {system}; --set KEY=VALUE")

@@ -1,7 +1,7 @@
 """Dataclass fields that carry their meaning and what is allowed, for checks and for the printed scenario."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -44,11 +44,12 @@ _LARGEST_COUNT = 1_000_000
 
 @dataclass(frozen=True)
 class Allowed:
-    """What a field may be: a test, the same in words, and for a number whether it is divided by (> 0)."""
+    """What a field may be: a test, the same in words, whether a number is divided by (> 0), and as in JSON Schema."""
 
     test: Callable[[Any], bool]
     words: str
     divisor: bool = False
+    limits: Mapping[str, Any] = field(default_factory=dict)
 
 
 def refusal(value: Any, name: str, allowed: Allowed | None) -> str | None:
@@ -110,18 +111,22 @@ def number(
             and (at_most is None or value <= at_most)
         )
 
-    return documented(doc, default, allowed=Allowed(test, words, divisor=above == 0))
+    limits = {"exclusiveMinimum": above, "minimum": at_least, "maximum": at_most}
+    given = {keyword: limit for keyword, limit in limits.items() if limit is not None}
+    return documented(doc, default, allowed=Allowed(test, words, divisor=above == 0, limits=given))
 
 
 def count(doc: str, default: int, *, at_least: int = 1, at_most: int = _LARGEST_COUNT) -> Any:
     """Return a field for a whole number, with limits."""
     words = f"a whole number >= {at_least} and <= {at_most}"
-    return documented(doc, default, allowed=Allowed(lambda v: at_least <= v <= at_most, words))
+    limits = {"minimum": at_least, "maximum": at_most}
+    return documented(doc, default, allowed=Allowed(lambda v: at_least <= v <= at_most, words, limits=limits))
 
 
 def choice(doc: str, default: str, options: tuple[str, ...]) -> Any:
     """Return a field for one of a few words."""
-    return documented(doc, default, allowed=Allowed(lambda v: v in options, "one of " + ", ".join(options)))
+    words, limits = "one of " + ", ".join(options), {"enum": list(options)}
+    return documented(doc, default, allowed=Allowed(lambda v: v in options, words, limits=limits))
 
 
 def text(doc: str, default: str = "") -> Any:
