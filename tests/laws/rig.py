@@ -19,10 +19,10 @@ PORTS = ("estimate", "covariance", "prediction", "prediction_covariance", "innov
 
 
 def with_gaps(measurement, rate=0.15):
-    """Return measurements (ticks, trials, m) of which some rows are missing, and now and then all of a trial."""
-    rng = np.random.default_rng(9)
-    gone = rng.random(measurement.shape) < rate
-    gone |= rng.random((*measurement.shape[:2], 1)) < 0.3 * rate
+    """Return measurements (ticks, trials, m) of which rows are missing, and of each trial all at one tick, 2 to 4."""
+    gone = np.random.default_rng(9).random(measurement.shape) < rate
+    trials = np.arange(measurement.shape[1])
+    gone[2 + trials % 3, trials] = True
     return np.where(gone, np.nan, measurement)
 
 

@@ -21,7 +21,7 @@ each_scene = pytest.mark.parametrize("rows", ["complete", "with gaps"])
 
 @pytest.fixture(scope="module")
 def scenes():
-    """A scene whose rows are all there, and one where a seventh is missing, and now and then all of a trial."""
+    """A scene whose rows are all there, and one of which a seventh is missing, and of each trial a whole epoch."""
     complete = Scene(TRIALS, EPOCHS)
     gaps = complete.only(slice(None))
     gaps.measurement = with_gaps(complete.measurement)

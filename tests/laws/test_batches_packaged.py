@@ -51,13 +51,13 @@ _SHORT = {
     "bearing_crossing": {"duration_s": 6},
 }
 _LONG = {
-    "three_satellite": {"duration_s": 60},
-    "dual_satellite": {"duration_s": 40},
+    "three_satellite": {"duration_s": 20},
+    "dual_satellite": {"duration_s": 20},
     "beacon_rocket": {"start_s": 179, "stop_s": 182},
     "beacon_rocket:falcon9": {"start_s": 60, "stop_s": 63},
-    "satellite_ranging": {"duration_s": 800},
+    "satellite_ranging": {"duration_s": 400},
     "satellite_ranging:occulted": {"duration_s": 4800, "period_s": 60},
-    "bearing_crossing": {"duration_s": 120},
+    "bearing_crossing": {"duration_s": 70},
     "bearing_crossing:manoeuvre": {"duration_s": 520, "period_s": 10},
     "dual_satellite:signal": {"duration_s": 2},
     "dual_satellite:pulse_train": {"duration_s": 2},

@@ -57,7 +57,7 @@ def test_a_trial_alone_is_the_same_as_in_a_batch(scene, batches, name, size):
 @pytest.mark.parametrize("name", OWN_SENSOR)
 def test_so_it_is_with_gaps(scene, name):
     measured, observer, prior = (array[:12] for array in scene)
-    measured = with_gaps(measured, 0.1)
+    measured = with_gaps(measured.swapaxes(0, 1), 0.1).swapaxes(0, 1)
     batch = play(name, measured, observer, prior)
     for rows in (slice(7, 8), slice(3, 10)):
         part = play(name, measured[rows], observer[rows], prior[rows])
