@@ -5,12 +5,14 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-__all__ = ["load_scenario", "run_study", "systems"]
+__all__ = ["System", "find", "load_scenario", "run_study", "systems"]
 
 _WHERE = {
+    "System": "diagrams.assembly.system",
+    "find": "diagrams.assembly.find",
     "load_scenario": "diagrams.catalogue",
     "run_study": "diagrams.study",
-    "systems": "diagrams.catalogue",
+    "systems": "diagrams.assembly.find",
 }
 
 

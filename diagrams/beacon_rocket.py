@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.map import BoundMap
 from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.system import System
+from diagrams.assembly.system import System, packaged
 from diagrams.errors import UserError
 from diagrams.launch import (
     Constants,
@@ -432,4 +432,5 @@ SYSTEM = System(
     title="three-stage rocket, range rates at many stations, the beacon's drift as one shared bias",
     scenario=Scenario,
     declare=declare,
+    **packaged("beacon_rocket"),
 )

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.map import BoundMap
 from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.system import System
+from diagrams.assembly.system import System, packaged
 from diagrams.errors import UserError, choose
 from diagrams.maps.bearing import bearing_map
 from diagrams.parts.impairment import Impaired, Mount, NavigationError
@@ -320,4 +320,5 @@ SYSTEM = System(
     title="one aircraft, bearings only: azimuth filtered in pieces, crossing of lines, direct filters",
     scenario=Scenario,
     declare=declare,
+    **packaged("bearing_crossing"),
 )

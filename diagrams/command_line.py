@@ -30,7 +30,11 @@ app = typer.Typer(
 
 _WORDS = "diagrams.words"
 
-_SYSTEM = typer.Argument(metavar="SYSTEM[:VARIANT]", help="Which system; see `quietfix list`.", show_default=False)
+_SYSTEM = typer.Argument(
+    metavar="SYSTEM[:VARIANT]",
+    help="A name that `quietfix list` prints, package.module:OBJECT, FILE.py:OBJECT or FILE.yaml.",
+    show_default=False,
+)
 _SET = typer.Option("--set", metavar="KEY=VALUE", help="Change a field of the scenario; dotted key. Repeatable.")
 _SCENARIO = typer.Option("--scenario", metavar="FILE", help="A YAML file laid over the packaged scenario.")
 _ESTIMATOR = typer.Option(
@@ -72,19 +76,20 @@ def _options(
 
 
 @app.command("list")
-def list_() -> None:
+def list_(
+    chosen: Annotated[
+        list[str] | None, typer.Argument(metavar="[SYSTEM]...", help="Only these.", show_default=False)
+    ] = None,
+) -> None:
     """List systems, variants and estimators."""
-    from diagrams.catalogue import load_scenario, system, systems, variants
+    from diagrams.listing import list_systems
     from diagrams.replay import REPLAYS
     from diagrams.terminal import say
     from systems.registry import ESTIMATORS
 
-    for name in systems():
-        say(f"{name}: {system(name).title}")
-        say(f"  estimators: {', '.join(load_scenario(name).estimators)}")
-        for variant in variants(name):
-            extra = load_scenario(name, variant).estimators.keys() - load_scenario(name).estimators.keys()
-            say(f"  {name}:{variant}" + (f" (and estimators {', '.join(sorted(extra))})" if extra else ""))
+    list_systems(chosen)
+    if chosen:
+        return
     say(f"registered estimators: {', '.join(ESTIMATORS)}")
     say(f"recorded data for `quietfix replay`: {', '.join(REPLAYS)}")
 
@@ -101,7 +106,7 @@ def show(
     Of a recording, such as locards: the settings of its replay, for `quietfix replay DATASET --set KEY=VALUE`.
     With --schema, for an editor that completes and checks the file; without SYSTEM that of a system of one's own.
     """
-    from diagrams.catalogue import load_scenario, split_name
+    from diagrams.catalogue import load_scenario
     from diagrams.errors import UserError
     from diagrams.json_schema import schema_text
     from diagrams.replay import REPLAYS, replay_settings
@@ -120,9 +125,9 @@ def show(
         print(f"# {system}: quietfix replay {system} --set KEY=VALUE")
         print(replay_settings(system, settings or ()), end="")
         return
-    name, variant = split_name(system)
+    resolved = load_scenario(system, None, scenario, settings or [])
     print(f"# {system}")
-    print(dump(load_scenario(name, variant, scenario, settings or [])), end="")
+    print(dump(resolved), end="")
 
 
 @app.command()
@@ -155,7 +160,7 @@ def run(
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write results, summary and figures here.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
     trust: Annotated[
-        bool, typer.Option("--trust", help="With --from: import the estimator classes that the result names.")
+        bool, typer.Option("--trust", help="With --from: import the system and the classes that the result names.")
     ] = False,
 ) -> None:
     """Run a study: print a table; with --out write results.zarr, summary.json, figures and diagram.svg."""

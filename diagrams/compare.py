@@ -23,9 +23,10 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.stats import binomtest
 
 from diagrams.assembly.build import Assembly
+from diagrams.assembly.find import Found, find
+from diagrams.assembly.lineup import select_estimators
+from diagrams.assembly.system import System
 from diagrams.bootstrap import Interval, PairedBootstrap, Replicates, best_of, interval
-from diagrams.catalogue import resolve_scenario, select_estimators, split_name
-from diagrams.catalogue import system as find_system
 from diagrams.errors import UserError
 from diagrams.metrics import chi_square_band, diverged, errors, median, not_started
 from diagrams.score import Score
@@ -88,13 +89,13 @@ class Lineup:
     lighter: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
-def line_up(system: str, scenario: Any, wanted: Sequence[str] | None = None) -> Lineup:
+def line_up(system: str | System | Found, scenario: Any, wanted: Sequence[str] | None = None) -> Lineup:
     """Return which estimators run on a system.
 
     Parameters
     ----------
-    system : str
-        Name of the system.
+    system : str or System
+        The system.
     scenario : dataclass
         Not changed.
     wanted : sequence of str, optional
@@ -130,12 +131,14 @@ def line_up(system: str, scenario: Any, wanted: Sequence[str] | None = None) -> 
     return Lineup(scenario, list(dict.fromkeys(names)), left_out, lighter)
 
 
-def _refusal(system: str, scenario: Any, name: str) -> str | None:
+def _refusal(system: str | System | Found, scenario: Any, name: str) -> str | None:
     """Return what the system says against an estimator of the registry, or None."""
     tried = copy.deepcopy(scenario)
     chosen = select_estimators(tried, [name])
+    found = find(system)
     try:
-        find_system(system).build(DiagramBuilder(), tried, chosen, 1)
+        with found.blaming(tried.estimators, name):
+            found.system.build(DiagramBuilder(), tried, chosen, 1)
     except ValueError as error:  # a scenario that is wrong itself says so again when the study is built
         return str(error).removeprefix(f"{name}: ")
     return None
@@ -149,8 +152,8 @@ class ComparedStudy(Study):
 
     Parameters
     ----------
-    system : str
-        ``SYSTEM`` or ``SYSTEM:VARIANT``.
+    system : str or System
+        As of `diagrams.run_study`.
     **options
         As of `diagrams.study.Study`.
 
@@ -182,7 +185,7 @@ class ComparedStudy(Study):
 
 
 def prepare(
-    system: str,
+    system: str | System | Found,
     *,
     variant: str | None = None,
     scenario: Any = None,
@@ -192,16 +195,15 @@ def prepare(
     set: Sequence[str] | None = None,
 ) -> tuple[ComparedStudy, Lineup]:
     """Return the study of a comparison, ready to run, and who takes part; arguments as in `compare`."""
-    name, in_name = split_name(system)
-    variant = variant or in_name
+    found = find(system, variant)
     if isinstance(trials, int) and trials == 1:
         raise UserError("trials: 1 is not allowed; intervals over trials need at least 2")
-    scenario = resolve_scenario(name, variant, scenario, set)
-    chosen = line_up(name, scenario, estimators)
+    scenario = found.system.resolve(found.variant, scenario, set)
+    chosen = line_up(found, scenario, estimators)
     if not chosen.names:
         raise UserError("estimators: none is given; at least one is needed")
-    options: dict[str, Any] = {"variant": variant, "trials": trials, "seed": seed}
-    probe, _, _ = ComparedStudy(name, scenario=chosen.scenario, estimators=chosen.names[:1], **options).wire(1)
+    options: dict[str, Any] = {"trials": trials, "seed": seed}
+    probe, _, _ = ComparedStudy(found, scenario=chosen.scenario, estimators=chosen.names[:1], **options).wire(1)
     epochs = len(probe.clock.ticks(probe.duration))
     if epochs * trials > _MOST and chosen.lighter:
         too_many = f"{epochs} epochs of {trials} trials would take it very long; --estimator asks for it all the same"
@@ -212,11 +214,11 @@ def prepare(
             lighter={},
         )
     options |= {"scenario": chosen.scenario, "estimators": chosen.names}
-    return ComparedStudy(name, every=math.ceil(epochs / _EPOCHS), **options), chosen
+    return ComparedStudy(found, every=math.ceil(epochs / _EPOCHS), **options), chosen
 
 
 def compare(
-    system: str,
+    system: str | System | Found,
     *,
     variant: str | None = None,
     scenario: Any = None,

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from diagrams.catalogue import split_name
+from diagrams.assembly.find import Found, find
 from diagrams.compare import ComparedStudy, Lineup, prepare, statistics
 from diagrams.errors import UserError, choose
 from diagrams.output import OutputFolder
@@ -35,16 +35,13 @@ def compare_command(
 ) -> None:
     """Compare estimators on one or more systems; see ``quietfix compare --help``."""
     choose("format", format_, FORMATS)
-    folders = {}
-    for name in systems:
-        split_name(name)
-        if name in folders:
-            raise UserError(f"SYSTEM: {name} is not allowed; it is given twice")
-        folders[name] = out if out is None or len(systems) == 1 else out / name.replace(":", "_")
+    chosen_systems = [find(name) for name in systems]
+    folders = _folders(chosen_systems, out)
     for path in folders.values():
         if path is not None:
             OutputFolder.check(path, overwrite)
-    prepared = [(name, *prepare(name, **options)) for name in systems]  # before anything runs: mistakes show early
+    # before anything runs: mistakes show early
+    prepared = [(found.title, *prepare(found, **options)) for found in chosen_systems]
     _check_time(prepared, at)
     done = []
     for name, study, chosen in prepared:
@@ -57,6 +54,19 @@ def compare_command(
                 print(f"wrote {folder}: comparison.json, results.zarr, summary.json, figures")
     if format_ == "markdown":
         print(comparison_markdown(done), end="")
+
+
+def _folders(systems: Sequence[Found], out: Path | None) -> dict[str, Path | None]:
+    """Return where the comparison of each system goes, by its title."""
+    folders: dict[str, Path | None] = {}
+    for found in systems:
+        if found.title in folders:
+            raise UserError(f"SYSTEM: {found.title} is not allowed; it is given twice")
+        path = out if out is None or len(systems) == 1 else out / found.slug
+        if path is not None and path in folders.values():
+            raise UserError(f"SYSTEM: {found.title} is not allowed with --out; another one is called {found.slug}, too")
+        folders[found.title] = path
+    return folders
 
 
 def _check_time(prepared: Sequence[tuple[str, ComparedStudy, Lineup]], at: float | None) -> None:

@@ -19,7 +19,7 @@ from diagrams import formation
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.map import BoundMap
 from diagrams.assembly.model import Assumed, Model, Part
-from diagrams.assembly.system import System
+from diagrams.assembly.system import System, packaged
 from diagrams.dual_signal import Drawn, Signal, SignalChain, predicted_sigmas, waveform_of
 from diagrams.errors import UserError
 from diagrams.formation import (
@@ -351,4 +351,5 @@ SYSTEM = System(
     title="airborne emitter, two satellites: direction of arrival, TDOA, FDOA; particle filters",
     scenario=Scenario,
     declare=declare,
+    **packaged("dual_satellite"),
 )

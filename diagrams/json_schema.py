@@ -9,7 +9,7 @@ import typing
 from collections.abc import Mapping
 from typing import Any
 
-from diagrams.catalogue import split_name, system
+from diagrams.assembly.find import find
 from diagrams.own.schema import OwnScenario
 from diagrams.scenario import natural_name
 
@@ -42,7 +42,7 @@ def json_schema(scenario: type, title: str) -> dict[str, Any]:
 
 
 def schema_text(reference: str | None) -> str:
-    """Return the schema as text, of a system by name or, by a YAML file or by None, of a user's own.
+    """Return the schema as text, of a system that `find` finds or, by a YAML file or by None, of a user's own.
 
     Raises
     ------
@@ -52,8 +52,8 @@ def schema_text(reference: str | None) -> str:
     if reference is None or reference.endswith((".yaml", ".yml")):
         found = json_schema(OwnScenario, "a system of one's own")
     else:
-        name, _ = split_name(reference)
-        found = json_schema(system(name).scenario, name)
+        system = find(reference).system
+        found = json_schema(system.scenario, system.name)
     return json.dumps(found, indent=2)
 
 

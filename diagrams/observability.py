@@ -15,8 +15,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.assembly.build import Assembly
+from diagrams.assembly.find import Found, find
+from diagrams.assembly.system import System
 from diagrams.bounds import alike, rows_present
-from diagrams.catalogue import split_name
 from diagrams.directions import direction_axes, named_components
 from diagrams.errors import UserError
 from diagrams.states import POSITION, VELOCITY, shared, translated
@@ -207,8 +208,9 @@ def prior_root(names: Sequence[str], covariances: Sequence[Array]) -> Array:
 # -------------------------------------------------------------------------------------------------- of a run
 
 
-def _studied(system: str, estimators: Sequence[str] | None, **options: Any) -> tuple[Study, list[str]]:
+def _studied(system: str | System | Found, estimators: Sequence[str] | None, **options: Any) -> tuple[Study, list[str]]:
     """Return a study of all of a scenario's estimators and those asked for, and the names of the latter."""
+    system = find(system)
     whole = Study(system, trials=1, **options)
     if not estimators:
         return whole, whole.request.estimators
@@ -219,7 +221,7 @@ def _studied(system: str, estimators: Sequence[str] | None, **options: Any) -> t
 
 
 def observe(
-    system: str,
+    system: str | System | Found,
     *,
     estimators: Sequence[str] | None = None,
     window: float | None = None,
@@ -235,8 +237,8 @@ def observe(
 
     Parameters
     ----------
-    system : str
-        ``SYSTEM`` or ``SYSTEM:VARIANT``.
+    system : str or System
+        As of `diagrams.run_study`.
     estimators : sequence of str, optional
         Whose measurements and motion; by default all of the scenario, each set of rows once.
     window : float, optional
@@ -255,6 +257,12 @@ def observe(
         For a window outside the run, an unknown estimator, or one whose start nobody can say.
     """
     study, chosen = _studied(system, estimators, variant=variant, scenario=scenario, set=set, seed=seed)
+    with study.blaming():
+        return _observed(study, chosen, window, bool(estimators))
+
+
+def _observed(study: Study, chosen: Sequence[str], window: float | None, asked: bool) -> list[Observability]:
+    """Return what a study's measurements say; `asked`: whether those chosen were asked for."""
     wired = study.wire(1)[0]
     ticks = wired.clock.ticks(wired.duration)
     times = _window(ticks, window)
@@ -267,7 +275,7 @@ def observe(
             priors[name] = known if known.ndim == 2 else known[0]
     usable = {name: wired.estimators[name] for name in priors}
     lacking = [name for name in chosen if name not in usable]
-    if estimators and lacking:
+    if asked and lacking:
         raise UserError(f"estimator: {lacking[0]} has a start that nobody can say; one of {', '.join(usable)}")
     groups: list[tuple[list[str], Estimator]] = []
     for name in (name for name in chosen if name in usable):
@@ -279,7 +287,9 @@ def observe(
         else:
             groups.append(([name], block))
     if not groups:
-        raise UserError(f"{system}: of no estimator's start can be said what it knows, so that nothing is compared")
+        raise UserError(
+            f"{study.found.title}: of no estimator's start can be said what it knows, so that nothing is compared"
+        )
 
     found = []
     for members, block in groups:
@@ -384,12 +394,11 @@ def _telling(s: Spectrum, most: int = 9) -> Iterator[int]:
     yield from sorted({0, *changes[: most - 2].tolist(), len(counts) - 1})
 
 
-def write_observability(path: Path, found: Sequence[Observability], system: str) -> None:
+def write_observability(path: Path, found: Sequence[Observability], system: Found) -> None:
     """Write ``summary.json``: ``system``, ``time_s``, and under ``sets`` what `Observability.summary` returns."""
-    name, variant = split_name(system)
     whole = {
-        "system": name,
-        "variant": variant,
+        "system": system.reference,
+        "variant": system.variant,
         "time_s": [float(t) for t in found[0].times],
         "sets": [one.summary() for one in found],
     }

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from diagrams.catalogue import SYSTEMS, load_scenario, split_name, variants
+from diagrams.assembly.find import PACKAGED, Found, find, fingerprint_of, read_own, systems
 from diagrams.errors import UserError, choose
 from diagrams.results import find_store
 from diagrams.store import read_attributes
 
 __all__ = ["ask_again"]
 
+_SOURCES = ("packaged", "installed", "module", "file", "yaml", "object")
 
-def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: bool) -> tuple[str, dict[str, Any]]:
+
+def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: bool) -> tuple[Found, dict[str, Any]]:
     """Return system and options of an earlier result, as `diagrams.study.Study` takes them.
 
     Parameters
@@ -22,11 +26,11 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
     path : Path
         The result.
     system : str, optional
-        What the user names besides; it must be the result's.
+        What the user names besides; it must be the result's. Code that a user names himself is trusted.
     asked : mapping
         Options that go before those of the result.
     trust : bool
-        Whether estimator classes that the result names may be imported.
+        Whether a system and estimator classes that the result names may be imported.
 
     Raises
     ------
@@ -39,21 +43,79 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
         raise UserError("--scenario: it cannot be combined with --from; use --set")
     attributes = read_attributes(find_store(path))
     take = _Taker(path, attributes)
-    name = take("system", lambda v: choose("system", v, SYSTEMS), "text", str)
-    variant = take("variant", lambda v: v and choose(f"variant of {name}", v, variants(name)), "text", str) or None
-    again: dict[str, Any] = {"variant": variant}
+    found = _system_again(take, path, system, trust)
+    variant = take("variant", lambda v: v and found.of(v).variant, "text", str) or None
+    again: dict[str, Any] = {}
     for key, least in (("seed", 0), ("first_trial", 0), ("trials", 1), ("every", 1)):
         again[key] = take(key, _whole(key, least), f"a whole number >= {least}", int)
     again["keep"] = take("keep", lambda v: choose("keep", v, KEEP), "text", str)
-    if system is not None:
-        named, named_variant = split_name(system)
-        if named != name or (named_variant is not None and named_variant != variant):
-            whole = f"{name}:{variant}" if variant else name
-            raise UserError(f"system: {system} is not that of --from {path}, which is {whole}")
-    take("scenario", lambda v: load_scenario(name, text=v, trust=trust), "text", str)
+    if system is not None and find(system).variant not in (None, variant):
+        raise UserError(f"system: {system} is not that of --from {path}, which is {found.of(variant).title}")
+    _say_changes(found, attributes.get("system_fingerprint", ""), path)
+    found = replace(found, variant=variant)
+    take("scenario", lambda v: found.system.load(text=v, trust=trust), "text", str)
     options = dict(asked)
-    again["scenario"] = load_scenario(name, text=attributes["scenario"], settings=options.pop("set", []), trust=trust)
-    return name, again | options
+    settings = options.pop("set", [])
+    again["scenario"] = found.system.load(text=attributes["scenario"], settings=settings, trust=trust)
+    return found, again | options
+
+
+def _system_again(take: _Taker, path: Path, system: str | None, trust: bool) -> Found:
+    """Return the system of a result, without a variant: what it names, or what the user names in its place."""
+    source = take("system_source", lambda v: choose("system_source", v, _SOURCES), "text", str, "packaged")
+    known = {"packaged": list(PACKAGED), "installed": systems()}.get(source)
+    name = take("system", lambda v: v if known is None else choose("system", v, known), "text", str)
+    named = None if system is None else find(system)
+    if named is not None and not _alike(named, name, source):
+        raise UserError(f"system: {system} is not that of --from {path}, which is {name}")
+    if source == "packaged":
+        return find(name)
+    file = take("system_file", str, "text", str, "")
+    take("system_fingerprint", str, "text", str, "")
+    if source == "yaml":
+        text = take("scenario", str, "text", str)
+        return Found(read_own(Path(file), text), None, name, "yaml", Path(file), fingerprint_of(Path(file)))
+    return replace(named or _code_again(name, source, file, trust), variant=None)
+
+
+def _alike(named: Found, name: str, source: str) -> bool:
+    """Return whether a system that a user names can be the one of a result; its file may have moved."""
+    if source in ("packaged", "installed"):
+        return named.reference == name
+    if source == "yaml":
+        return named.source == "yaml"
+    return named.source not in ("packaged", "yaml") and name.rpartition(":")[2] in (
+        named.reference.rpartition(":")[2],
+        named.system.name,
+    )
+
+
+def _code_again(name: str, source: str, file: str, trust: bool) -> Found:
+    if source == "object":
+        raise UserError(
+            f"system: {name} was an object in Python that no module has; name where it is now, before --from: "
+            "package.module:OBJECT or FILE.py:OBJECT"
+        )
+    if source == "installed":
+        return find(name)
+    if not trust:
+        raise UserError(
+            f"system: {name} is code that the result names, and is not imported; name it yourself, before --from, or "
+            "add --trust if you know it"
+        )
+    if source == "file" and file and Path(file).is_file():
+        return replace(find(f"{file}:{name.rpartition(':')[2]}"), reference=name)
+    return find(name)
+
+
+def _say_changes(found: Found, before: str, path: Path) -> None:
+    """Say in one line whether a system is not any more what it was when a result was made."""
+    if found.fingerprint == before:
+        return
+    what = "has changed" if found.fingerprint else "is not there any more"
+    # all of a system of YAML is in the result
+    how = "in the result" if found.source == "yaml" else "now"
+    warnings.warn(f"{found.reference} {what} since {path} was made: it runs as it is {how}", stacklevel=1)
 
 
 class _Taker:
@@ -62,8 +124,10 @@ class _Taker:
     def __init__(self, path: Path, attributes: Mapping[str, Any]) -> None:
         self._path, self._attributes = path, attributes
 
-    def __call__(self, key: str, check: Callable[[Any], Any], words: str, kind: type) -> Any:
-        """Return what `check` makes of an attribute of the right type."""
+    def __call__(self, key: str, check: Callable[[Any], Any], words: str, kind: type, default: Any = None) -> Any:
+        """Return what `check` makes of an attribute of the right type; `default`: where it may be missing."""
+        if key not in self._attributes and default is not None:
+            return default
         if key not in self._attributes:
             raise UserError(f"--from: {self._path}: {key}: it is missing; {words}")
         value = self._attributes[key]

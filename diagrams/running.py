@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from diagrams.catalogue import load_scenario, split_name
-from diagrams.catalogue import system as find_system
+from diagrams.assembly.find import FORMS, Found, find
 from diagrams.errors import UserError
 from diagrams.output import OutputFolder, written_beside
 from diagrams.rerun import ask_again
@@ -38,13 +37,14 @@ def run_command(
 
     began = time.monotonic()
     options = dict(asked)
+    found: Found | str | None = system
     if from_ is not None:
-        system, options = ask_again(from_, system, options, trust)
+        found, options = ask_again(from_, system, options, trust)
     elif trust:
         raise UserError("--trust: it needs --from RESULT; what you name yourself is trusted")
-    if system is None:
-        raise UserError("system: it is missing; a name that `quietfix list` prints, or --from RESULT")
-    study = Study(system, **options)
+    if found is None:
+        raise UserError(f"system: it is missing; a name that `quietfix list` prints, --from RESULT, {FORMS}")
+    study = Study(found, **options)
     if out is None:
         parts = list(study.chunks(progress=True))
         dataset = join(parts)
@@ -130,14 +130,15 @@ def draw_command(
     from diagrams.drawing import draw, is_drawing
     from diagrams.study import Study
 
-    path = out or Path(system.replace(":", "_") + ".svg")
+    found = find(system)
+    path = out or Path(f"{found.slug}.svg")
     if path.suffix.lower() not in (".svg", ".png"):
         raise UserError(f"--out: {path} is not allowed; a file name that ends in .svg or .png")
     existed = path.exists()
     if existed and out is None and path.is_file() and not is_drawing(path):
         raise UserError(f"--out: {path} exists and was not drawn by this program; name it to replace it")
     with written_beside(path) as beside:
-        study = Study(system, scenario=scenario, estimators=estimators, set=settings, trials=1)
+        study = Study(found, scenario=scenario, estimators=estimators, set=settings, trials=1)
         diagram, wired = study.diagram()
         draw(diagram, beside, dashed=wired.dashed, header=system)
     print(f"{'replaced' if existed else 'wrote'} {path}")
@@ -149,10 +150,11 @@ def gdop_command(
     """Map bounds; see ``quietfix gdop --help``."""
     from diagrams.maps.command import map_figures
 
-    name, variant = split_name(system)
-    resolved = load_scenario(name, variant, scenario, settings or [])
+    found = find(system)
+    resolved = found.system.load(found.variant, scenario, settings or [])
     with OutputFolder(out or Path("gdop"), overwrite, "gdop") as folder:
-        map_figures(find_system(name), resolved, folder.work)
+        with found.blaming(resolved.estimators):
+            map_figures(found.system, resolved, folder.work)
         folder.finish()
 
 
@@ -168,12 +170,13 @@ def observe_command(
     """Say what is observable; see ``quietfix observe --help``."""
     from diagrams.observability import observe, report, write_observability
 
-    found = observe(system, estimators=estimators, window=window, scenario=scenario, set=settings)
+    where = find(system)
+    found = observe(where, estimators=estimators, window=window, scenario=scenario, set=settings)
     if out is not None:
         from diagrams.figures.observability import observe_figures
 
         with OutputFolder(out, overwrite, "observe") as folder:
-            write_observability(folder.work / "summary.json", found, system)
+            write_observability(folder.work / "summary.json", found, where)
             observe_figures(found, system, folder.work)
             folder.finish()
     report(found, system)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.map import BoundMap
 from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.system import System
+from diagrams.assembly.system import System, packaged
 from diagrams.errors import UserError
 from diagrams.maps.orbits import orbit_map
 from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
@@ -468,4 +468,5 @@ SYSTEM = System(
     title="satellite to satellite: passive ranging from angles, rates, radial velocity and radial acceleration",
     scenario=Scenario,
     declare=declare,
+    **packaged("satellite_ranging"),
 )

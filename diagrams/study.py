@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import traceback
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -17,17 +16,16 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
 
 from diagrams.assembly.build import Assembly
+from diagrams.assembly.find import Found, find
+from diagrams.assembly.lineup import select_estimators
+from diagrams.assembly.system import System
 from diagrams.bounds import StudyBounds
-from diagrams.catalogue import resolve_scenario, select_estimators, split_name
-from diagrams.catalogue import system as find_system
 from diagrams.errors import UserError, choose
 from diagrams.progress import Progress
 from diagrams.scenario import dump
 from diagrams.score import Score
 from diagrams.states import columns, shared
 from systems.clocks import Clock, Times
-from systems.estimators.base import Estimator
-from systems.estimators.custom import Custom
 from systems.recorder import Recorder, record
 from systems.signals import Draw, set_draw
 
@@ -69,7 +67,7 @@ class Study:
 
     def __init__(
         self,
-        system: str,
+        system: str | System | Found,
         *,
         variant: str | None = None,
         scenario: Any = None,
@@ -82,8 +80,8 @@ class Study:
         every: int = 1,
         chunk: int | None = None,
     ) -> None:
-        name, in_name = split_name(system)
-        variant = split_name(f"{name}:{variant}")[1] if variant else in_name
+        self.found = found = find(system, variant)
+        self.system = found.system
         for what, value, least in (
             ("trials", trials, 1),
             ("first-trial", first_trial, 0),
@@ -94,19 +92,28 @@ class Study:
             if not isinstance(value, int | np.integer) or isinstance(value, bool) or not least <= value < 2**53:
                 raise UserError(f"{what}: {value!r} is not allowed; a whole number >= {least}")
         choose("keep", keep, KEEP)
-        scenario = resolve_scenario(name, variant, scenario, set)
+        scenario = self.system.resolve(found.variant, scenario, set)
         scenario = dataclasses.replace(scenario, estimators=dict(scenario.estimators))
         chosen = select_estimators(scenario, estimators)
         scenario.estimators = {key: scenario.estimators[key] for key in chosen}
         self.request = _Request(
-            name, variant, scenario, chosen, int(trials), int(first_trial), int(seed), keep, int(every), chunk
+            found.reference,
+            found.variant,
+            scenario,
+            chosen,
+            int(trials),
+            int(first_trial),
+            int(seed),
+            keep,
+            int(every),
+            chunk,
         )
-        self.system = find_system(name)
         # Two trials tell what each trial has of its own from what all share; in one both look alike.
-        probe, _, scores = self.wire(2)
-        shapes = self._signals(probe, scores)[1]
-        self._shared = {signal for signal, (trials, _) in shapes.items() if trials == 1}
-        self.chunk = chunk or self._fitting_chunk(probe)
+        with self.blaming():
+            probe, _, scores = self.wire(2)
+            shapes = self._signals(probe, scores)[1]
+            self._shared = {signal for signal, (trials, _) in shapes.items() if trials == 1}
+            self.chunk = chunk or self._fitting_chunk(probe)
 
     def _fitting_chunk(self, probe: Assembly) -> int:
         """Return how many trials at once keep the memory of a chunk bounded."""
@@ -138,13 +145,14 @@ class Study:
         """Return the diagram without scores and recorder: what is drawn, and what a user continues from."""
         builder = DiagramBuilder()
         wired = self._wired(builder, trials)
-        diagram = builder.Build()
-        diagram.set_name(self.request.system)
+        with self.blaming():
+            diagram = builder.Build()
+        diagram.set_name(self.system.name)
         return diagram, wired
 
     def _wired(self, builder: DiagramBuilder, trials: int) -> Assembly:
         try:
-            with self._blaming(made=False):
+            with self.blaming():
                 wired = self.system.build(builder, self.request.scenario, self.request.estimators, trials)
         except UserError:
             raise
@@ -185,6 +193,16 @@ class Study:
 
     def chunks(self, progress: bool = False) -> Iterator[xr.Dataset]:
         """Run the study and yield one Dataset per chunk; the last one carries the bounds."""
+        made = self._chunks(progress)
+        while True:
+            with self.blaming():
+                chunk = next(made, None)
+            if chunk is None:
+                return
+            yield chunk
+            del chunk
+
+    def _chunks(self, progress: bool) -> Iterator[xr.Dataset]:
         request = self.request
         width = min(self.chunk, request.trials)
         wired, builder, scores = self.wire(width)
@@ -195,15 +213,14 @@ class Study:
         diagram = builder.Build()
         simulator = Simulator(diagram)
         bounds = StudyBounds(wired, wired.clock.ticks(wired.duration))
-        with Progress(f"{request.system}, {request.trials} trials", request.trials, progress) as bar:
+        with Progress(f"{self.system.name}, {request.trials} trials", request.trials, progress) as bar:
             for done in range(0, request.trials, width):
                 count = min(width, request.trials - done)
                 context = self._run(simulator, diagram, recorders, wired, bar, done, width)
                 times, signals = recorder.result(context)
                 path = signals if request.every == 1 else recorders[1].result(context)[1]
                 present = np.isfinite(path["sensed"].swapaxes(0, 1)[:count])
-                with self._blaming():
-                    bounds.add(path["truth"].swapaxes(0, 1)[:count], self._carriers(path, count), count, present)
+                bounds.add(path["truth"].swapaxes(0, 1)[:count], self._carriers(path, count), count, present)
                 chunk = self._dataset(times, signals, wired, request.first_trial + done, count)
                 rows = np.broadcast_to(present.sum(axis=-1).max(axis=-1), count)
                 chunk = chunk.assign_coords(measured_rows=("trial", rows, {"rows": present.shape[-1]}))
@@ -235,43 +252,16 @@ class Study:
 
         simulator.set_monitor(monitor)
         try:
-            with self._blaming():
-                simulator.Initialize()
-                # rounding may put the last tick a bit after the end: 3 * 0.1 > 0.3
-                simulator.AdvanceTo(max(wired.duration, *wired.clock.ticks(wired.duration)[-1:]))
+            simulator.Initialize()
+            # rounding may put the last tick a bit after the end: 3 * 0.1 > 0.3
+            simulator.AdvanceTo(max(wired.duration, *wired.clock.ticks(wired.duration)[-1:]))
         finally:
             simulator.clear_monitor()
         return context
 
-    @contextmanager
-    def _blaming(self, made: bool = True) -> Iterator[None]:
-        """Turn whatever a user's own class raises, sys.exit too, into a `UserError` that names it.
-
-        While blocks are being made (`made` False) none is asked for its name: Drake reads any memory for one that is
-        not there yet.
-        """
-        try:
-            yield
-        except (KeyboardInterrupt, UserError):
-            raise
-        except BaseException as error:
-            if made:
-                self._blame_users_class(error)
-            for name, options in self.request.scenario.estimators.items():
-                if isinstance(options, Custom) and options.raised(error):
-                    raise UserError(options.blame(name, error)) from error
-            raise
-
-    def _blame_users_class(self, error: BaseException) -> None:
-        """Raise a `UserError` if a user's own estimator class failed: its block is on the way to the error."""
-        for frame, _ in traceback.walk_tb(error.__traceback__):
-            block = frame.f_locals.get("self")
-            if not isinstance(block, Estimator):
-                continue
-            name = block.get_name()
-            options = self.request.scenario.estimators.get(name)
-            if isinstance(options, Custom):
-                raise UserError(options.blame(name, error)) from error
+    def blaming(self) -> AbstractContextManager[None]:
+        """Turn whatever a user's own code raises, in a class or in the system, into a `UserError` that names it."""
+        return self.found.blaming(self.request.scenario.estimators)
 
     def _of_trials(self, signal: str, log: Array, dims: Sequence[str]) -> tuple[tuple[str, ...], Array]:
         """Return dimensions and values of a log (trials or 1, time, ...): the trials left out where all share it."""
@@ -368,6 +358,7 @@ class Study:
         return {
             "system": request.system,
             "variant": request.variant or "",
+            **self.found.attributes,
             "seed": request.seed,
             "first_trial": request.first_trial,
             "trials": request.trials,
@@ -391,7 +382,7 @@ def _version() -> str:
 
 
 def run_study(
-    system: str,
+    system: str | System | Found,
     *,
     variant: str | None = None,
     scenario: Any = None,
@@ -409,8 +400,9 @@ def run_study(
 
     Parameters
     ----------
-    system : str
-        ``SYSTEM`` or ``SYSTEM:VARIANT``.
+    system : str or System
+        ``NAME[:VARIANT]``, ``package.module:OBJECT[:VARIANT]``, ``FILE.py:OBJECT[:VARIANT]``, ``FILE.yaml``, or the
+        object; see `diagrams.assembly.find.find`.
     variant : str, optional
         Variant, if it is not in `system`.
     scenario : path, str or dataclass, optional

@@ -14,8 +14,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from diagrams.assembly.find import Found, find
+from diagrams.assembly.system import System
 from diagrams.bootstrap import PairedBootstrap, Replicates, interval, log_ratio
-from diagrams.catalogue import load_scenario, split_name
 from diagrams.compare import ComparedStudy, entry, nearest_epoch, nees_entry, plain
 from diagrams.errors import UserError, choose, texts
 from diagrams.metrics import diverged, errors, not_started
@@ -134,7 +135,7 @@ class Sweep:
 
     def __init__(
         self,
-        system: str,
+        system: str | System | Found,
         vary: str | Vary,
         *,
         variant: str | None = None,
@@ -148,24 +149,24 @@ class Sweep:
         self.vary = parse_vary(vary) if isinstance(vary, str) else vary
         if isinstance(trials, int) and trials == 1:
             raise UserError("trials: 1 is not allowed; intervals over trials need at least 2")
-        name, in_name = split_name(system)
+        found = find(system, variant)
         settings = texts("set", set)
-        base = load_scenario(name, variant or in_name, scenario, settings)
+        base = found.system.load(found.variant, scenario, settings)
         kind = _numeric_kind(base, self.vary.key)
         if kind is int and any(value != int(value) for value in self.vary.values):
             raise UserError(f"--vary: {self.vary.key} = {self.vary.values} is not allowed; whole numbers")
-        options: dict[str, Any] = {"variant": variant, "scenario": scenario, "estimators": estimators}
+        options: dict[str, Any] = {"scenario": scenario, "estimators": estimators}
         options |= {"trials": trials, "seed": seed}
         self._studies, self._at = [], at
         for value in self.vary.values:
             number = [f"{self.vary.key}={kind(value)!r}"]
-            study = ComparedStudy(system, set=settings + number, **options)
+            study = ComparedStudy(found, set=settings + number, **options)
             wired, _, _ = study.wire(1)
             ticks = wired.clock.ticks(wired.duration)
             epoch = nearest_epoch(ticks, at)
             # only that epoch is kept, beside the first
             every = epoch if epoch > 0 else len(ticks)
-            self._studies.append((ComparedStudy(system, set=settings + number, every=every, **options), epoch, ticks))
+            self._studies.append((ComparedStudy(found, set=settings + number, every=every, **options), epoch, ticks))
         self.attributes = dict(self._studies[0][0].attributes(wired)) | {"key": self.vary.key}
 
     def points(self, progress: bool = False) -> Iterator[xr.Dataset]:
@@ -197,7 +198,7 @@ class Sweep:
             )
 
 
-def sweep(system: str, vary: str, **options: Any) -> dict[str, Any]:
+def sweep(system: str | System | Found, vary: str, **options: Any) -> dict[str, Any]:
     """Vary one number of a scenario and return the curves; arguments as of `Sweep`.
 
     Returns

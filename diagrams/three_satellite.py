@@ -18,7 +18,7 @@ from diagrams import formation
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.map import BoundMap
 from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.system import System
+from diagrams.assembly.system import System, packaged
 from diagrams.errors import UserError, choose
 from diagrams.formation import (
     Constants,
@@ -393,4 +393,5 @@ SYSTEM = System(
     title="airborne emitter of unknown height, three satellites: TDOA, FDOA, two-axis phase",
     scenario=Scenario,
     declare=declare,
+    **packaged("three_satellite"),
 )

@@ -1,41 +1,276 @@
-"""A system: its scenario, and what it declares of one."""
+"""A system: its scenario with its layers, and what it declares of one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import dataclasses
+import re
+import typing
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from diagrams.assembly.build import Assembly, build
+from diagrams.assembly.lineup import check_names, refuse_classes, select_estimators
 from diagrams.assembly.model import Model
+from diagrams.errors import UserError, choose, texts
+from diagrams.scenario import apply_setting, check_object, dump, load, merge, read_yaml
+from systems.clocks import Periodic
 
-__all__ = ["System"]
+__all__ = ["Layer", "System", "packaged"]
+
+Layer = Mapping[str, Any] | Path
+"""Values of a scenario, laid over those below: as a mapping, or in a YAML file."""
+
+_NAME = re.compile(r"[^\W_][\w+-]{0,59}")  # it names files, folders and the diagram
+_MOST_EPOCHS = 1_000_000  # hours for one trial and one filter
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class System:
     """What is simulated.
 
     Attributes
     ----------
     name : str
-        As on the command line; the packaged scenarios are ``scenarios/NAME.yaml`` and ``NAME.VARIANT.yaml``.
+        Letters, digits, ``_``, ``-`` and ``+``.
     title : str
         One line.
     scenario : type
-        Dataclass of its scenario.
+        Dataclass of its scenario, with the field ``estimators``: options by name, as a mapping of str to
+        `systems.registry.estimator_options`.
     declare : callable
         ``declare(scenario) -> Model``.
+    base : mapping or Path
+        The scenario without a variant, as far as it is not the defaults of the dataclass: values, or a YAML file.
+    variants : mapping of str to mapping or Path
+        What each variant lays over it.
+    file : Path, optional
+        The YAML file that all of it was read from.
+
+    Raises
+    ------
+    ValueError
+        If one of these is not what it must be.
     """
 
     name: str
     title: str
     scenario: type
     declare: Callable[[Any], Model]
+    base: Layer = field(default_factory=dict)
+    variants: Mapping[str, Layer] = field(default_factory=dict)
+    file: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Check the arguments, and resolve annotations that are texts."""
+        for what, value in (("name", self.name), *(("variant", name) for name in self.variants)):
+            if not isinstance(value, str) or not _NAME.fullmatch(value):
+                raise ValueError(f"System: {what}: {value!r} is not allowed; letters, digits, _, - and +, at most 60")
+        if not isinstance(self.title, str) or "\n" in self.title:
+            raise ValueError(f"System {self.name}: title: {self.title!r} is not allowed; one line of text")
+        if not (isinstance(self.scenario, type) and dataclasses.is_dataclass(self.scenario)):
+            raise ValueError(f"System {self.name}: scenario: {self.scenario!r} is not allowed; a dataclass (the type)")
+        if "estimators" not in {one.name for one in dataclasses.fields(self.scenario)}:
+            raise ValueError(f"System {self.name}: scenario: {self.scenario.__qualname__} lacks the field estimators")
+        if not callable(self.declare):
+            raise ValueError(f"System {self.name}: declare: {self.declare!r} is not allowed; a function of a scenario")
+        for where, layer in (("base", self.base), *((f"variants.{k}", v) for k, v in self.variants.items())):
+            if not isinstance(layer, Mapping | Path):
+                raise ValueError(f"System {self.name}: {where}: {layer!r} is not allowed; a mapping, or a Path")
+        _resolve(self.scenario)
+
+    # ---- the scenario
+
+    def load(
+        self,
+        variant: str | None = None,
+        file: Path | str | None = None,
+        settings: Sequence[str] = (),
+        text: str | None = None,
+        trust: bool = False,
+    ) -> Any:
+        """Return the scenario: the base, then the variant's values, a user's file, and settings.
+
+        Parameters
+        ----------
+        variant : str, optional
+            Which variant.
+        file : path, optional
+            A user's YAML; what it does not say stays.
+        settings : sequence of str
+            ``KEY=VALUE``, dotted.
+        text : str, optional
+            A whole scenario as text, instead of base and variant (a result carries its own).
+        trust : bool
+            Whether `text` may name classes, which are imported when the scenario is wired.
+
+        Returns
+        -------
+        dataclass
+            The system's scenario.
+
+        Raises
+        ------
+        UserError
+            Naming the field, the value and what is allowed, or a class that the text names without `trust`.
+        """
+        settings = texts("set", settings)
+        if text is not None:
+            data = read_yaml(text)
+            if not trust:
+                refuse_classes(load(self.scenario, [data]))
+        else:
+            data = self._base()
+            if variant is not None:
+                data = merge(data, _values(self.variants[self.variant(variant)]))
+        if file is not None:
+            data = merge(data, read_yaml(Path(file)))
+        for setting in settings:
+            data = apply_setting(data, setting)
+        scenario = load(self.scenario, [data])
+        _check_sense(scenario)
+        return scenario
+
+    def resolve(self, variant: str | None, scenario: Any, settings: Any) -> Any:
+        """Return the scenario of a study: loaded, or a user's object, checked.
+
+        Parameters
+        ----------
+        variant : str, optional
+            Which variant.
+        scenario : path, str, dataclass or None
+            A user's YAML file, a whole scenario object, or nothing.
+        settings : sequence of str, mapping or None
+            ``KEY=VALUE``, or values by dotted key.
+
+        Raises
+        ------
+        UserError
+            Naming the field, the value and what is allowed.
+        """
+        if isinstance(settings, Mapping):
+            settings = [f"{key}={'null' if value is None else value}" for key, value in settings.items()]
+        settings = texts("set", settings)
+        if scenario is None or isinstance(scenario, str | Path):
+            return self.load(variant, scenario, settings)
+        check_object(self.scenario, scenario)
+        if settings:
+            raise UserError("set: it cannot be combined with a scenario object; change its fields instead")
+        _check_sense(scenario)
+        return scenario
+
+    def variant(self, name: str) -> str:
+        """Return the name of a variant, if there is such a one.
+
+        Raises
+        ------
+        UserError
+            If there is none.
+        """
+        return choose(f"variant of {self.name}", name, sorted(self.variants))
+
+    def _base(self) -> dict[str, Any]:
+        data = _values(self.base)
+        # Written out, so that one changed option of an estimator leaves the others of the defaults there; a file is
+        # whole by itself.
+        return data if isinstance(self.base, Path) else read_yaml(dump(load(self.scenario, [data]), comments=False))
+
+    # ---- the diagram
 
     def build(self, builder: DiagramBuilder, scenario: Any, estimators: Sequence[str], trials: int) -> Assembly:
         """Put what a scenario declares and the estimators of these names into a diagram; see `assembly.build.build`."""
         options = {name: scenario.estimators[name] for name in estimators}
-        return build(self.declare(scenario), builder, options, trials)
+        model = self.declare(scenario)
+        if not isinstance(model, Model):
+            raise ValueError(f"declare: it returned {type(model).__name__}; diagrams.assembly.model.Model is needed")
+        if isinstance(model.clock, Periodic) and not model.duration <= _MOST_EPOCHS * model.clock.period:
+            raise ValueError(
+                f"duration: {model.duration:g} is not allowed; at most {_MOST_EPOCHS} epochs of "
+                f"{model.clock.period:g} s"
+            )
+        return build(model, builder, options, trials)
+
+    def diagram(
+        self, scenario: Any = None, trials: int = 1, set: Sequence[str] | Mapping[str, Any] | None = None
+    ) -> Diagram:
+        """Return the finished diagram, to simulate by hand.
+
+        To add blocks of your own, call `build` with your own builder: it returns the `Assembly`, on whose ``bus`` every
+        signal is.
+
+        Parameters
+        ----------
+        scenario : path, str or dataclass, optional
+            See `resolve`.
+        trials : int
+            Trials of the ensemble.
+        set : sequence of ``KEY=VALUE`` or mapping, optional
+            Changes of the scenario.
+
+        Raises
+        ------
+        ValueError
+            If something does not fit.
+        """
+        resolved = self.resolve(None, scenario, set)
+        builder = DiagramBuilder()
+        self.build(builder, resolved, select_estimators(resolved, None), trials)
+        diagram = builder.Build()
+        diagram.set_name(self.name)
+        return diagram
+
+
+def packaged(name: str) -> dict[str, Any]:
+    """Return base and variants of a system that comes with Quietfix: ``scenarios/NAME.yaml``, ``NAME.VARIANT.yaml``."""
+    folder = Path(str(files("diagrams"))) / "scenarios"
+    variants = {path.name.split(".")[1]: path for path in sorted(folder.glob(f"{name}.*.yaml"))}
+    return {"base": folder / f"{name}.yaml", "variants": variants}
+
+
+def _values(layer: Layer) -> dict[str, Any]:
+    return read_yaml(layer) if isinstance(layer, Path) else dict(layer)
+
+
+def _resolve(schema: Any, seen: set[Any] | None = None) -> None:
+    """Turn annotations that are texts, as ``from __future__ import annotations`` makes them, into the types."""
+    seen = set() if seen is None else seen
+    if not (isinstance(schema, type) and dataclasses.is_dataclass(schema)):
+        for inner in typing.get_args(schema):
+            _resolve(inner, seen)
+        return
+    if schema in seen:
+        return
+    seen.add(schema)
+    fields = dataclasses.fields(schema)
+    if any(isinstance(one.type, str) for one in fields):
+        try:
+            hints = typing.get_type_hints(schema)
+        except Exception as error:
+            raise ValueError(f"scenario: annotations of {schema.__qualname__}: {error}") from error
+        for one in fields:
+            one.type = hints[one.name]
+    for one in fields:
+        _resolve(one.type, seen)
+
+
+def _check_sense(scenario: Any) -> None:
+    """Check what the types of the fields do not say."""
+    _check_epochs(scenario)
+    check_names(scenario)
+
+
+def _check_epochs(scenario: Any) -> None:
+    """Refuse a run that would hardly end, in the words of the scenario where it has a period, and an end."""
+    end = "stop_s" if hasattr(scenario, "stop_s") else "duration_s"
+    if not hasattr(scenario, "period_s") or not hasattr(scenario, end):
+        return
+    longest = _MOST_EPOCHS * scenario.period_s + getattr(scenario, "start_s", 0.0)
+    if getattr(scenario, end) > longest:
+        raise UserError(
+            f"{end}: {getattr(scenario, end):g} is not allowed; at most {longest:g}, {_MOST_EPOCHS} epochs of period_s "
+            f"{scenario.period_s:g}"
+        )

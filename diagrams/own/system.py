@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from functools import partial
@@ -26,6 +27,7 @@ from diagrams.own.target import Target, target_motion, true_motion, with_bias
 from diagrams.parts.impairment import KnownPlatforms
 from diagrams.parts.movers import Platforms
 from diagrams.parts.sensing import TargetSensor
+from diagrams.scenario import read_yaml
 from systems.clocks import Clock, Merged
 from systems.estimators.options import EstimatorOptions
 from systems.measurement.base import MeasurementModel
@@ -124,16 +126,33 @@ def _note(scenario: OwnScenario, target: Mover, setting: Setting) -> str:
     return " ".join(note for note in notes if note)
 
 
-def own_system(path: FilePath) -> System:
+def own_system(path: FilePath, text: str | None = None) -> System:
     """Return the system that a YAML file of a user's declares.
 
     Parameters
     ----------
     path : Path
-        The file; what it says are the values of its scenario. A user's own classes are looked for beside it, too.
+        The file; what it says are the values of its scenario, and other files are relative to it. A user's own classes
+        are looked for beside it, too.
+    text : str, optional
+        What is in the file, where a result says it; nothing is looked for beside the file then.
+
+    Raises
+    ------
+    UserError
+        If the file is none, or empty.
     """
     folder = path.resolve().parent
-    if str(folder) not in sys.path:
+    if text is None and str(folder) not in sys.path:
         sys.path.append(str(folder))
-    of_file = partial(declare, folder=folder)
-    return System(name=path.stem, title=f"declared in {path.name}", scenario=OwnScenario, declare=of_file)
+    base = read_yaml(path, "system") if text is None else read_yaml(text)
+    if not base:
+        raise UserError(f"system: {path} is empty; platforms, a target, sensors and estimators are needed")
+    return System(
+        name=re.sub(r"[^\w+-]|^_+", "-", path.stem).strip("-")[:60] or "own",
+        title=f"declared in {path.name}",
+        scenario=OwnScenario,
+        declare=partial(declare, folder=folder),
+        base=base,
+        file=path,
+    )

@@ -1,20 +1,19 @@
 """A requirements file: typed YAML, loaded and checked like a scenario."""
 
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from diagrams.catalogue import estimator_key, split_name
+from diagrams.assembly.find import find
+from diagrams.assembly.lineup import estimator_key
+from diagrams.assembly.source import beside
 from diagrams.errors import UserError, choose
 from diagrams.scenario import load, read_yaml
 from diagrams.verification.metric import Metric, MetricChoice, RmseRatio
 from diagrams.verification.sequential import Limit, plan_looks
 from systems.documented import Allowed, count, documented, number, text
 
-__all__ = ["SUFFIX", "Case", "Requirement", "Specification", "beside", "read_specification"]
+__all__ = ["SUFFIX", "Case", "Requirement", "Specification", "read_specification"]
 
 SUFFIX = ".requirements.yaml"
 """How the name of a file ends that pytest collects."""
@@ -60,7 +59,7 @@ class Requirement:
 class Specification:
     """Requirements on one system."""
 
-    system: str = text("SYSTEM or SYSTEM:VARIANT")
+    system: str = text("NAME[:VARIANT], package.module:OBJECT, FILE.py:OBJECT or FILE.yaml, relative to this file")
     scenario: str = text("a YAML file laid over the packaged scenario, relative to this file")
     set: list[str] = documented("changes of the scenario, KEY=VALUE", factory=list)
     estimators: list[str] = documented("names, or package.module:Class (beside this file, too)", factory=list)
@@ -79,22 +78,6 @@ class Specification:
         return plan_looks(min(self.trials, limit), limit, self.looks)
 
 
-@contextmanager
-def beside(path: Path) -> Iterator[None]:
-    """Make classes in files beside a requirements file importable; another folder's file may have the same name."""
-    folder = str(path.resolve().parent)
-    before = set(sys.modules)
-    sys.path.append(folder)
-    try:
-        yield
-    finally:
-        sys.path.remove(folder)
-        for name in set(sys.modules) - before:
-            file = getattr(sys.modules[name], "__file__", None)
-            if file and str(Path(file).parent) == folder:
-                del sys.modules[name]
-
-
 def read_specification(path: Path) -> Specification:
     """Read and check a requirements file, as far as that can be done without building its diagrams.
 
@@ -108,17 +91,18 @@ def read_specification(path: Path) -> Specification:
         raise UserError(f"requirements file: {path} is empty; a system and its requirements are needed")
     try:
         specification = load(Specification, [data])
-        _complete(specification)
+        with beside(path.parent):
+            _complete(specification, path.parent)
     except UserError as error:
         raise UserError(f"{path.name}: {error}") from error
     return specification
 
 
-def _complete(specification: Specification) -> None:
+def _complete(specification: Specification, folder: Path) -> None:
     """Fill in what a requirement leaves to the file, and check what belongs together."""
     if not specification.system:
         raise UserError("system: it is missing; a name that `quietfix list` prints")
-    head, _ = split_name(specification.system)
+    found = find(specification.system, folder=folder)
     if specification.trials > specification.trial_limit:
         raise UserError(
             f"trials: {specification.trials} is not allowed; at most trial_limit, which is {specification.trial_limit}"
@@ -126,7 +110,7 @@ def _complete(specification: Specification) -> None:
     for name, case in specification.cases.items():
         if case.variant:
             try:
-                split_name(f"{head}:{case.variant}")
+                found.of(case.variant)
             except UserError as error:
                 raise UserError(f"cases.{name}.variant: {error}") from error
     if not specification.requirements:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.catalogue import estimator_key
+from diagrams.assembly.find import find
+from diagrams.assembly.lineup import estimator_key
 from diagrams.errors import UserError, choose
 from diagrams.study import Study
 from diagrams.verification.metric import RmseRatio, Run, View
@@ -143,7 +144,6 @@ def _options(
     """Return the arguments of the study."""
     chosen = specification.cases.get(case)
     variant = chosen.variant if chosen is not None and chosen.variant else None
-    head = specification.system.partition(":")[0]
     full = {estimator_key(name): name for name in specification.estimators}
     asked: list[str] = []
     for requirement in requirements:
@@ -155,7 +155,7 @@ def _options(
             metric.to = estimator_key(metric.to)
     full |= {estimator_key(name): name for name in asked if ":" in name}  # a bare name elsewhere means this class
     return {
-        "system": f"{head}:{variant}" if variant else specification.system,
+        "system": find(specification.system, variant, path.parent),
         "scenario": path.parent / specification.scenario if specification.scenario else None,
         "set": [*specification.set, *(chosen.set if chosen is not None else [])],
         "estimators": list(dict.fromkeys(full.get(name, name) for name in asked)),

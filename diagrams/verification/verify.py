@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from diagrams.assembly.source import beside
 from diagrams.errors import UserError
 from diagrams.verification.sequential import FAILS, UNDECIDED, WORDS, judge
-from diagrams.verification.specification import Requirement, Specification, beside, read_specification
+from diagrams.verification.specification import Requirement, Specification, read_specification
 from diagrams.verification.trials import GrowingStudy
 
 __all__ = ["Finding", "Report", "Verification", "verify"]
@@ -201,7 +202,7 @@ class Verification:
     def _study(self, case: str) -> GrowingStudy:
         if case not in self._studies:
             where = f"{self.path.name}: " + (f"case {case}: " if case else "")
-            with beside(self.path):
+            with beside(self.path.parent):
                 try:
                     self._studies[case] = GrowingStudy(
                         self.specification, self.path, case, self.looks, self.seed, self._progress
@@ -215,7 +216,7 @@ class Verification:
         study = self._study(requirement.case)
         metric, confidence = requirement.measured, requirement.confidence
         assert confidence is not None
-        with beside(self.path):
+        with beside(self.path.parent):
             found = judge(
                 lambda n: study.samples(requirement, n),
                 metric.statistic(study.run),

@@ -23,7 +23,8 @@ from stonesoup.types.state import ParticleState
 from stonesoup.updater.particle import ParticleUpdater
 
 from diagrams.assembly.build import Assembly
-from diagrams.catalogue import load_scenario, system
+from diagrams.assembly.find import find
+from diagrams.catalogue import load_scenario
 from systems.clocks import Periodic
 from systems.estimators.base import Epoch, Estimator
 from systems.measurement.base import SPEED_OF_LIGHT
@@ -62,7 +63,7 @@ def _wire(name: str, particles: int, trials: int, duration: float) -> tuple[Diag
     settings = [f"duration_s={duration}", f"estimators.{name}.particles={particles}"]
     scenario = load_scenario("dual_satellite", settings=settings)
     builder = DiagramBuilder()
-    return builder, system("dual_satellite").build(builder, scenario, [name], trials)
+    return builder, find("dual_satellite").system.build(builder, scenario, [name], trials)
 
 
 class Run:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.catalogue import load_scenario, system
+from diagrams.assembly.find import find
+from diagrams.catalogue import load_scenario
 from systems.estimators.kalman import KalmanEstimator
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.base import MeasurementModel
@@ -86,7 +87,7 @@ def record_pass(size: Size) -> RecordedPass:
     """Run the packaged scenario with `iekf` and record what its estimator saw and said."""
     scenario = load_scenario("three_satellite", settings=[f"duration_s={size.duration}", f"period_s={PERIOD}"])
     builder = DiagramBuilder()
-    wired = system("three_satellite").build(builder, scenario, ["iekf"], size.trials)
+    wired = find("three_satellite").system.build(builder, scenario, ["iekf"], size.trials)
     iekf = wired.estimators["iekf"]
     assert isinstance(iekf, KalmanEstimator) and isinstance(iekf.algorithm, IteratedExtendedKalman)
     ports = {

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from diagrams import beacon_rocket, bearing_crossing, dual_satellite, satellite_ranging, three_satellite
-from diagrams.catalogue import load_scenario, system, systems
+from diagrams.assembly.find import find, systems
+from diagrams.catalogue import load_scenario
 from diagrams.figures.gdop import draw_gdop
 from diagrams.launch import vehicle_block
 from diagrams.maps.bounds import last_bound, map_bounds
@@ -28,7 +29,7 @@ def orbit_map(scenario, points):
 
 @pytest.mark.parametrize("name", systems())
 def test_every_packaged_system_offers_a_map(name):
-    found = system(name)
+    found = find(name).system
     assert found.declare(load_scenario(name)).map is not None
 
 

@@ -6,8 +6,9 @@ import xarray as xr
 from pydrake.systems.framework import DiagramBuilder
 
 from diagrams import bounds
+from diagrams.assembly.find import find
 from diagrams.bounds import StudyBounds, add_bounds, bound_curves, rows_present
-from diagrams.catalogue import load_scenario, system
+from diagrams.catalogue import load_scenario
 from diagrams.posterior_bound import posterior_bound
 from diagrams.three_satellite import satellite_states, target_state
 from systems.filters.iterated_extended import IteratedExtendedKalman
@@ -254,7 +255,7 @@ def test_shapes_that_do_not_fit_are_refused():
 
 def wired(settings=(), trials=1):
     scenario = load_scenario("three_satellite", settings=settings)
-    return system("three_satellite").build(DiagramBuilder(), scenario, list(scenario.estimators), trials)
+    return find("three_satellite").system.build(DiagramBuilder(), scenario, list(scenario.estimators), trials)
 
 
 def test_bounds_of_the_packaged_scenario_are_those_of_the_reference():

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from diagrams.catalogue import SYSTEMS
 from diagrams.directions import direction_axes
 from diagrams.errors import UserError
 from diagrams.marker import MARKER
 from diagrams.observability import observe, prior_root, share_words
-from tests.diagrams.flat_plane import POSITION, STATIONS, Ranges3, Scenario
+from tests.diagrams.flat_plane import POSITION, STATIONS, SYSTEM, Ranges3, Scenario
 from tests.diagrams.test_command_line import in_process
 
 
@@ -113,15 +112,13 @@ def test_the_prior_is_the_narrowest_and_none_is_singular():
         prior_root(names, [np.ones((3, 3))])
 
 
-@pytest.fixture
-def plane(monkeypatch):
-    """Stations on a plane, an emitter at rest 20 m above it whose height is known to 30 m, its place to 1 km."""
-    monkeypatch.setitem(SYSTEMS, "flat_plane", "tests.diagrams.flat_plane:SYSTEM")
+def test_a_height_that_is_known_to_30_m_is_not_observed_by_ranges_along_the_ground():
+    """Stations on a plane, an emitter 20 m above it whose place is known to 1 km.
 
-
-def test_a_height_that_is_known_to_30_m_is_not_observed_by_ranges_along_the_ground(plane):
-    """Ranges tell it to half a kilometre: better than the place is known before, a hundredth of what the height is."""
-    (one,) = observe("flat_plane", scenario=Scenario(height_m=20.0))
+    Ranges tell its height to half a kilometre: better than the place is known before, a hundredth of what the height
+    is.
+    """
+    (one,) = observe(SYSTEM, scenario=Scenario(height_m=20.0))
     assert one.components == ["range", "cross-range", "height"]
     np.testing.assert_allclose(one.prior_sigma, [1e3, 1e3, 30.0], rtol=1e-12)
     assert one.spectrum.rank[-1] == 3 and one.spectrum.known[-1] == 2 and np.isnan(one.observable_from)
@@ -139,19 +136,19 @@ def test_a_height_that_is_known_to_30_m_is_not_observed_by_ranges_along_the_grou
     assert summary["variance_left"][-1][2] > 0.99 > 0.01 > max(summary["variance_left"][-1][:2])
 
 
-def test_a_height_in_the_plane_of_the_stations_has_no_information_at_all(plane):
-    (one,) = observe("flat_plane", scenario=Scenario(height_m=0.0))
+def test_a_height_in_the_plane_of_the_stations_has_no_information_at_all():
+    (one,) = observe(SYSTEM, scenario=Scenario(height_m=0.0))
     assert one.spectrum.rank[-1] == 2 and one.spectrum.left[-1, -1] == 1.0
     assert "unobservable within 10 s: rank 2 of 3; 1 direction" in one.verdict()
     assert "they tell nothing of height" in one.verdict()
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.95, -0.95])
-def test_directions_are_the_generalised_eigenvectors_of_information_and_prior(plane, correlation):
+def test_directions_are_the_generalised_eigenvectors_of_information_and_prior(correlation):
     """Against SciPy's solver and the plain sums: the variances of directions and of components, and the posterior."""
     prior = np.diag([1e6, 1e6, 900.0])
     prior[0, 2] = prior[2, 0] = correlation * 3e4
-    (one,) = observe("flat_plane", scenario=Scenario(height_m=90.0, prior=prior))
+    (one,) = observe(SYSTEM, scenario=Scenario(height_m=90.0, prior=prior))
     model = Ranges3()
     rows = model.jacobian(np.array([*POSITION, 90.0]), STATIONS[0])
     information = 11 * rows.T @ rows / 10.0**2

@@ -4,7 +4,9 @@ import dataclasses
 
 import pytest
 
-from diagrams.catalogue import load_scenario, select_estimators, split_name, systems, variants
+from diagrams.assembly.find import find, systems
+from diagrams.assembly.lineup import select_estimators
+from diagrams.catalogue import load_scenario, variants
 from diagrams.errors import UserError
 from diagrams.scenario import dump, read_yaml
 
@@ -108,9 +110,9 @@ def test_broken_files_are_users_mistakes(tmp_path):
 
 def test_names_are_checked():
     with pytest.raises(UserError, match="did you mean three_satellite"):
-        split_name("three_satelite")
+        find("three_satelite")
     with pytest.raises(UserError, match="variant of three_satellite: flat"):
-        split_name("three_satellite:flat")
+        find("three_satellite:flat")
     with pytest.raises(UserError, match="estimator: iekg"):
         select_estimators(load_scenario("three_satellite"), ["iekg"])
 

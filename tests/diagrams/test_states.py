@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from diagrams.bounds import bound_squares
-from diagrams.catalogue import SYSTEMS
 from diagrams.errors import UserError
 from diagrams.figures.consistency import draw_consistency
 from diagrams.figures.ground import draw_ground
@@ -21,13 +20,8 @@ from tests.diagrams.named_states import SIGMA, STATES, STATIONS, SYSTEM, TRUTH, 
 
 
 @pytest.fixture
-def named(monkeypatch):
-    monkeypatch.setitem(SYSTEMS, "named_states", "tests.diagrams.named_states:SYSTEM")
-
-
-@pytest.fixture
-def data(named):
-    return run_study("named_states", scenario=Scenario(density=0.5), trials=40, seed=1, keep="covariance")
+def data():
+    return run_study(SYSTEM, scenario=Scenario(density=0.5), trials=40, seed=1, keep="covariance")
 
 
 def dense_bound(names, course, times, noisy):
@@ -139,26 +133,26 @@ def test_figures_of_different_states(data):
     np.testing.assert_allclose(1e3 * np.linalg.norm(dots, axis=-1), offset, rtol=1e-9)
 
 
-def test_requirements_are_about_what_both_states_have(named):
-    run = Run(Study("named_states", scenario=Scenario(), trials=1).wire(1)[0])
+def test_requirements_are_about_what_both_states_have():
+    run = Run(Study(SYSTEM, scenario=Scenario(), trials=1).wire(1)[0])
     assert run.states["biased"] == ["x", "y", "vx", "vy"] and "bias" not in run.quantities["biased"]
     assert "velocity" in run.quantities["turned"] and "velocity" not in run.quantities["still"]
     assert {"position", "x"} <= set(run.quantities["still"])
 
 
-def test_a_start_that_cannot_be_known_is_said_and_the_rest_is_kept(named):
+def test_a_start_that_cannot_be_known_is_said_and_the_rest_is_kept():
     scenario = Scenario(duration_s=2.0, speechless=True)
     with pytest.warns(UserWarning, match=r"estimators\.biased: no bound, its start does not say its .* 5 x 5"):
-        found = run_study("named_states", scenario=scenario, trials=3, chunk=1)
+        found = run_study(SYSTEM, scenario=scenario, trials=3, chunk=1)
     assert found["bound_position"].sel(estimator="biased").isnull().all()
     assert found["bound_position"].sel(estimator=["usual", "turned", "still"]).notnull().all()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        run_study("named_states", scenario=Scenario(duration_s=2.0), trials=3)
+        run_study(SYSTEM, scenario=Scenario(duration_s=2.0), trials=3)
 
 
-def test_names_that_do_not_fit_the_truth_are_refused(named, monkeypatch):
-    study = Study("named_states", scenario=Scenario(), trials=1)
+def test_names_that_do_not_fit_the_truth_are_refused(monkeypatch):
+    study = Study(SYSTEM, scenario=Scenario(), trials=1)
     for names, said in ((["x", "y"], "4 different names"), (["x", "x", "y", "vy"], "4 different names")):
 
         def declare(scenario, names=names):

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from diagrams import command_line, run_study
-from diagrams.catalogue import load_scenario, systems
+from diagrams.assembly.find import systems
+from diagrams.catalogue import load_scenario
 from diagrams.errors import UserError
 from diagrams.marker import MARKER
 from diagrams.metrics import errors

@@ -5,7 +5,8 @@ import sys
 import numpy as np
 import pytest
 
-from diagrams.catalogue import load_scenario, select_estimators
+from diagrams.assembly.lineup import select_estimators
+from diagrams.catalogue import load_scenario
 from diagrams.comparing import compare_command
 from diagrams.errors import UserError
 from diagrams.output import OutputFolder

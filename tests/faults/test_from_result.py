@@ -99,7 +99,7 @@ def test_a_store_that_is_none_is_one_line(copy, text):
 
 
 def test_a_variant_that_is_not_the_results_is_refused(copy):
-    assert ask_again(copy, "three_satellite", {}, trust=False)[0] == "three_satellite"
+    assert ask_again(copy, "three_satellite", {}, trust=False)[0].title == "three_satellite"
     with pytest.raises(UserError, match="three_satellite:coplanar is not that of"):
         ask_again(copy, "three_satellite:coplanar", {}, trust=False)
 
@@ -193,4 +193,4 @@ def test_a_store_that_would_run_code_is_not_opened(copy, tmp_path, spoil, said):
             open_result(path)
         assert "\n" not in str(caught.value) and not (tmp_path / "ran").exists()
     # what a study is run again from is text alone
-    assert ask_again(copy, None, {}, trust=False)[0] == "three_satellite"
+    assert ask_again(copy, None, {}, trust=False)[0].title == "three_satellite"

@@ -2,7 +2,8 @@
 
 from typing import NamedTuple
 
-from diagrams.catalogue import systems, variants
+from diagrams.assembly.find import systems
+from diagrams.catalogue import variants
 
 __all__ = ["CASES", "Case"]
 

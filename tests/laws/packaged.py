@@ -4,7 +4,9 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.catalogue import load_scenario, select_estimators, system, systems, variants
+from diagrams.assembly.find import find, systems
+from diagrams.assembly.lineup import select_estimators
+from diagrams.catalogue import load_scenario, variants
 from systems.recorder import record
 from systems.signals import Draw, set_draw
 
@@ -36,7 +38,7 @@ class Packaged:
         self.scenario = load_scenario(head, variant or None, settings=[f"{k}={v}" for k, v in (settings or {}).items()])
         self.names = select_estimators(self.scenario, estimators)
         builder = DiagramBuilder()
-        self.wired = system(head).build(builder, self.scenario, self.names, trials)
+        self.wired = find(head).system.build(builder, self.scenario, self.names, trials)
         ports = {
             "truth": self.wired.truth,
             "platforms": self.wired.platforms,

@@ -7,7 +7,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 import diagrams
-from diagrams.catalogue import systems
+from diagrams.assembly.find import systems
 from diagrams.command_line import main
 from diagrams.errors import UserError
 from diagrams.json_schema import schema_text

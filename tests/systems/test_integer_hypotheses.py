@@ -6,7 +6,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.stats import multivariate_normal
 
-from diagrams.catalogue import load_scenario, select_estimators, system
+from diagrams.assembly.find import find
+from diagrams.assembly.lineup import select_estimators
+from diagrams.catalogue import load_scenario
 from diagrams.posterior_bound import posterior_bound
 from diagrams.three_satellite import models
 from systems.clocks import Periodic
@@ -481,7 +483,7 @@ class Run:
             "three_satellite", variant, settings=[f"truth.along_km={along}", f"truth.cross_km={cross}", *settings]
         )
         builder = DiagramBuilder()
-        wired = system("three_satellite").build(builder, scenario, select_estimators(scenario, estimators), trials)
+        wired = find("three_satellite").system.build(builder, scenario, select_estimators(scenario, estimators), trials)
         sensor = builder.GetSubsystemByName("sensor").GetOutputPort("measurement")
         ports = {"truth": wired.truth, "platforms": wired.platforms, "sensor": sensor, **wired.signals}
         for name, block in wired.estimators.items():

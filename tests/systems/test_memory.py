@@ -15,7 +15,9 @@ import gc, sys, weakref
 from pathlib import Path
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from diagrams.catalogue import load_scenario, select_estimators, system
+from diagrams.assembly.find import find
+from diagrams.assembly.lineup import select_estimators
+from diagrams.catalogue import load_scenario
 from diagrams.errors import UserError
 from systems.recorder import record
 from systems.signals import Draw, leaf_systems, set_draw
@@ -24,7 +26,7 @@ def build(name="three_satellite", trials=20, settings=()):
     head, _, variant = name.partition(":")
     scenario = load_scenario(head, variant or None, settings=settings)
     builder = DiagramBuilder()
-    wired = system(head).build(builder, scenario, select_estimators(scenario, None), trials)
+    wired = find(head).system.build(builder, scenario, select_estimators(scenario, None), trials)
     ports = {"truth": wired.truth}
     for estimator, block in wired.estimators.items():
         ports |= {f"{estimator}/{port}": block.GetOutputPort(port) for port in ("estimate", "covariance", "nis")}

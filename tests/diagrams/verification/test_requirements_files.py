@@ -2,7 +2,7 @@
 
 import pytest
 
-from diagrams.catalogue import systems
+from diagrams.assembly.find import systems
 from diagrams.verification.verify import Verification
 
 
