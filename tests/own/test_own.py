@@ -21,8 +21,7 @@ OWN_MOTION = {
         "target": "!RandomMotion {start: !Straight {position_km: [-5, 2, 0.9], velocity_mps: [40, 5, 0]}}",
     },
     "ship.yaml": {
-        "target": "!RandomMotion {start: !GreatCircle {latitude_deg: 12, longitude_deg: 14, height_m: 0, course_deg: 70,"
-        " speed_mps: 8}}",
+        "target": "!RandomMotion {start: !GreatCircle {latitude_deg: 12, longitude_deg: 14, speed_mps: 8}}",
         "start": "!Prior {sigma_position_m: 2000, sigma_velocity_mps: 1}",
     },
     "geostationary.yaml": {"target": "!RandomMotion {start: !Geodetic {latitude_deg: 48, longitude_deg: 11}}"},
