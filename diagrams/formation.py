@@ -13,7 +13,7 @@ from systems.documented import documented, number
 from systems.frames import inertial_to_earth_fixed
 from systems.measurement.visibility import ElevationMask
 from systems.motion.gravity import GravityConstants
-from systems.motion.kepler import KeplerElements, state_of
+from systems.motion.kepler import KeplerElements, mean_anomaly, state_of
 from systems.plants.orbit import DenseOrbit
 
 __all__ = [
@@ -141,18 +141,14 @@ def satellite_states(scenario: Formation, count: int) -> Array:
             latitude = satellite.along_km * _KM / a - node * math.cos(inclination)
             elements = KeplerElements(a, 0.0, inclination, node, 0.0, latitude)
         elif isinstance(satellite, Kepler):
+            true = math.radians(satellite.true_anomaly_deg)
             elements = KeplerElements(
                 satellite.semi_major_axis_km * _KM,
                 satellite.eccentricity,
-                *(
-                    math.radians(angle)
-                    for angle in (
-                        satellite.inclination_deg,
-                        satellite.raan_deg,
-                        satellite.argument_of_perigee_deg,
-                        satellite.true_anomaly_deg,
-                    )
-                ),
+                math.radians(satellite.inclination_deg),
+                math.radians(satellite.raan_deg),
+                math.radians(satellite.argument_of_perigee_deg),
+                mean_anomaly(true, satellite.eccentricity),
             )
         else:
             for field in ("position_km", "velocity_kmps"):

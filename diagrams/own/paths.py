@@ -29,7 +29,7 @@ from diagrams.own.records import Setting, sp3_path, tle_path, track_path
 from systems.frames import earth_fixed_to_inertial, geodetic_state, inertial_to_earth_fixed
 from systems.motion.gravity import GravityConstants
 from systems.motion.great_circle import great_circle
-from systems.motion.kepler import KeplerElements, state_of
+from systems.motion.kepler import KeplerElements, mean_anomaly, state_of
 from systems.motion.level_waypoints import LevelWaypointPath
 from systems.motion.waypoints import WaypointPath
 from systems.plants.orbit import DenseOrbit
@@ -144,9 +144,12 @@ def _way(mover: Waypoints, frame: str, where: str) -> tuple[Path, str]:
 
 def _orbit(mover: Kepler | PositionVelocity, duration: float, constants: GravityConstants, where: str) -> Path:
     if isinstance(mover, Kepler):
-        angles_deg = mover.inclination_deg, mover.raan_deg, mover.argument_of_perigee_deg, mover.true_anomaly_deg
+        angles_deg = mover.inclination_deg, mover.raan_deg, mover.argument_of_perigee_deg
         elements = KeplerElements(
-            mover.semi_major_axis_km * _KM, mover.eccentricity, *(math.radians(angle) for angle in angles_deg)
+            mover.semi_major_axis_km * _KM,
+            mover.eccentricity,
+            *(math.radians(angle) for angle in angles_deg),
+            mean_anomaly(math.radians(mover.true_anomaly_deg), mover.eccentricity),
         )
         state = state_of(elements, constants.mu)
     else:

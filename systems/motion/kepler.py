@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["KeplerElements", "eccentric_anomaly", "elements_of", "mean_motion", "state_of"]
+__all__ = ["KeplerElements", "eccentric_anomaly", "elements_of", "mean_anomaly", "mean_motion", "state_of"]
 
 Array = NDArray[np.float64]
 
@@ -121,6 +121,33 @@ def eccentric_anomaly(mean_anomaly: ArrayLike, eccentricity: ArrayLike) -> Array
         if not open_.any():
             break
     return anomaly + turns
+
+
+def mean_anomaly(true_anomaly: ArrayLike, eccentricity: ArrayLike) -> Array:
+    r"""Return the mean anomaly of a true one.
+
+    .. math:: E = \nu + 2\operatorname{atan2}(-\beta\sin\nu,\, 1 + \beta\cos\nu), \quad
+              \beta = e/(1 + \sqrt{1 - e^2}), \qquad M = E - e\sin E
+
+    Broucke and Cefola, *A note on the relations between true and eccentric anomalies in the two-body problem*,
+    Celestial Mechanics 7 (1973) 388-389: without a half angle, and exactly nu for a circle.
+
+    Parameters
+    ----------
+    true_anomaly : array_like, shape (...)
+        nu [rad], any number of revolutions.
+    eccentricity : array_like, shape (...)
+        In [0, 1); the two broadcast.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        M [rad], in the revolution of nu.
+    """
+    nu, e = np.asarray(true_anomaly, dtype=float), np.asarray(eccentricity, dtype=float)
+    beta = e / (1 + np.sqrt(1 - e * e))
+    eccentric = nu - 2 * np.arctan2(beta * np.sin(nu), 1 + beta * np.cos(nu))
+    return eccentric - e * np.sin(eccentric)
 
 
 def state_of(elements: KeplerElements, mu: float) -> Array:

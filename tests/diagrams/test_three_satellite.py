@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from diagrams import run_study
+from diagrams.catalogue import load_scenario
 from diagrams.metrics import summarise
 from diagrams.study import Study
+from diagrams.three_satellite import satellite_states
 
 PLACES = [(0, 50), (0, 300), (150, -500), (-300, 700)]
 # Reference: position, height [m] and speed [m/s] of all six measurements at 150 s.
@@ -154,3 +156,12 @@ def test_every_choice_of_the_scenario_tracks(changes):
     assert row["diverged"] == 0
     # Ten trials: the RMSE of an error that is nearly one-dimensional lies within a factor of 2 of the bound.
     assert 0.4 < row["rmse_position_m"][-1] / row["bound_position_m"][-1] < 2.0
+
+
+def test_the_true_anomaly_of_an_eccentric_orbit_is_the_true_one():
+    orbit = "!Kepler {semi_major_axis_km: 9000, eccentricity: 0.2, true_anomaly_deg: 70, inclination_deg: 0}"
+    state = satellite_states(load_scenario("three_satellite", settings=[f"satellites.1={orbit}"]))[1]
+    assert np.degrees(np.arctan2(state[1], state[0])) == pytest.approx(70, abs=1e-10)
+    assert np.linalg.norm(state[:3]) == pytest.approx(
+        9e6 * (1 - 0.2**2) / (1 + 0.2 * np.cos(np.radians(70))), rel=1e-12
+    )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from systems.motion.gravity import GravityConstants, energy
-from systems.motion.kepler import KeplerElements, eccentric_anomaly, elements_of, mean_motion, state_of
+from systems.motion.kepler import KeplerElements, eccentric_anomaly, elements_of, mean_anomaly, mean_motion, state_of
 from systems.plants.orbit import DenseOrbit
 
 MU = GravityConstants().mu
@@ -67,6 +67,16 @@ def test_energy_momentum_and_node():
     length = np.sqrt(MU * a * (1 - e**2))
     want = np.stack([np.sin(i) * np.sin(node), -np.sin(i) * np.cos(node), np.cos(i)], axis=-1)
     np.testing.assert_allclose(h / length[..., None], want, atol=1e-13)
+
+
+def test_the_mean_anomaly_of_a_true_one():
+    """The angle from perigee to the satellite, in the plane of its orbit, is the true anomaly."""
+    e, true = np.meshgrid([0.0, 0.1, 0.6, 0.95], np.radians([-170, -90, -1e-3, 0, 60, 179]))
+    x = state_of(KeplerElements(9e6, e, 0.0, 0.0, 0.0, mean_anomaly(true, e)), MU)
+    np.testing.assert_allclose(np.arctan2(x[..., 1], x[..., 0]), true, atol=1e-13)
+    assert mean_anomaly(1.234, 0.0) == 1.234
+    # whole revolutions stay
+    np.testing.assert_allclose(mean_anomaly(true + 4 * np.pi, e), mean_anomaly(true, e) + 4 * np.pi, atol=1e-13)
 
 
 def test_the_anomaly_advances_as_an_integrator_says():
