@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -80,6 +80,8 @@ class BoundMap:
         See `diagrams.assembly.model.Model`.
     equal : bool
         Whether both axes are lengths, to be drawn at the same scale.
+    judged : sequence of str, optional
+        Components that the truth has; the bound is of these. By default all of the motion's.
     report : callable, optional
         Prints a table of the map's own instead of `print_map`.
     """
@@ -102,4 +104,5 @@ class BoundMap:
     quantities: tuple[str, ...] = ("position", "height")
     frame: str = "earth_fixed"
     equal: bool = True
+    judged: Sequence[str] | None = None
     report: Callable[[xr.Dataset], None] | None = None

@@ -98,7 +98,8 @@ class Model:
     widest : int, optional
         Most trials at once, where blocks need much memory of their own for each.
     map : callable, optional
-        ``() -> BoundMap``: where targets may be and what their bound depends on, for ``quietfix gdop``.
+        ``() -> BoundMap``: where targets may be and what their bound depends on, for ``quietfix gdop``; by default
+        those of `diagrams.maps.default`.
     """
 
     clock: Clock

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ def _series(steps: Sequence[float]) -> np.ndarray:
 
 _LEVELS = _series([1.0, 1.5, 2.0, 3.0, 5.0, 7.0])
 _FINE = _series([1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0, 9.0])
+_WIDEST = 115  # characters of a title
 _FEW, _MOST = 7, 16  # levels on a map: with fewer finer ones, with more every other one
 _TITLES = {"position": "position error (root of the trace)", "height": "height error", "velocity": "velocity error"}
 
@@ -44,7 +46,7 @@ def draw_gdop(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
     """
     written = []
     for i, name in enumerate(dataset["set"].values):
-        words = "_".join(re.findall(r"\w+", str(name)))
+        words = "_".join(re.findall(r"\w[\w+-]*", str(name)))
         for quantity in dataset.attrs["quantities"]:
             written.append(save(_draw(dataset, i, quantity), Path(folder) / f"gdop_{quantity}_{words}.png"))
     return written
@@ -84,12 +86,12 @@ def _draw(dataset: xr.Dataset, index: int, quantity: str) -> Figure:
         xlim=(horizontal[0], horizontal[-1]),
         ylim=(vertical[0], vertical[-1]),
     )
-    axes.set_title(
-        f"Bound of the {_TITLES[quantity]} after {attributes['duration_s']:g} s: {dataset['set'].values[index]}\n"
-        f"process noise {attributes['noise']}; prior {attributes['prior']}\n"
+    lines = [
+        f"Bound of the {_TITLES[quantity]} after {attributes['duration_s']:g} s: {dataset['set'].values[index]}",
+        f"process noise {attributes['noise']}; prior {attributes['prior']}",
         f"target: {attributes['target']}",
-        fontsize=12,
-    )
+    ]
+    axes.set_title("\n".join(fill(line, _WIDEST) for line in lines), fontsize=12)
     return figure
 
 
@@ -130,7 +132,7 @@ def _draw_tracks(figure: Figure, axes: Any, dataset: xr.Dataset) -> None:
             color="#d55e00",
             markeredgecolor="white" if i == 0 else "#d55e00",
             markersize=10,
-            label=None if i else "at half time (filled: satellite 0)" if several else "at half time",
+            label=None if i else "at half time (filled: the first)" if several else "at half time",
             fillstyle="full" if i == 0 else "none",
         )
     points = dataset["point"].values

@@ -17,6 +17,7 @@ from diagrams.bounds import bound_squares
 from diagrams.metrics import QUANTITIES
 from diagrams.posterior_bound import bound_steps
 from diagrams.progress import Progress
+from diagrams.states import block, columns
 from systems.measurement.base import MeasurementModel
 
 __all__ = ["last_bound", "map_bounds"]
@@ -61,11 +62,13 @@ def map_bounds(of: BoundMap, progress: bool = False) -> xr.Dataset:
     """
     names, epochs = of.plane.names, of.times.size
     bounds = np.full((len(of.quantities), len(of.sets), *of.seen.shape), np.nan)
+    judged = of.motion.names if of.judged is None else of.judged
+    places = columns(of.motion.names, judged)
     rows = [QUANTITIES.index(quantity) for quantity in of.quantities]
     with Progress("gdop", len(of.sets) * epochs, progress) as bar:
         for i, model in enumerate(of.sets.values()):
             covariance = last_bound(of, model, _counting(bar, i * epochs))
-            squares = bound_squares(covariance, of.truth[:, -1], of.motion.names, of.frame)[rows]
+            squares = bound_squares(block(covariance, places), of.truth[:, -1][..., places], judged, of.frame)[rows]
             bounds[:, i, of.seen] = np.sqrt(squares)
     made = {quantity: (("set", *names), values) for quantity, values in zip(of.quantities, bounds, strict=True)}
     along = "time" if of.track.shape[0] == epochs else "step"

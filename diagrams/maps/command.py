@@ -12,23 +12,22 @@ from diagrams.assembly.map import BoundMap
 from diagrams.assembly.system import System
 from diagrams.errors import UserError
 from diagrams.maps.bounds import map_bounds
+from diagrams.maps.default import default_maps
 
 __all__ = ["bound_maps", "map_figures", "print_map"]
 
 
 def bound_maps(system: System, scenario: Any) -> list[BoundMap]:
-    """Return the map that a system offers of a scenario.
+    """Return the map that a system offers of a scenario, or the default ones: one for each set of measurements.
 
     Raises
     ------
     UserError
-        If there is none, or the scenario cannot be built or mapped.
+        If the scenario cannot be built or mapped.
     """
     try:
         model = system.declare(scenario)
-        if model.map is None:
-            raise UserError(f"gdop: {system.name} has no map of this scenario")
-        return [model.map()]
+        return [model.map()] if model.map else default_maps(model, scenario.estimators)
     except UserError:
         raise
     except ValueError as error:  # a block says what is wrong with its arguments in the user's words

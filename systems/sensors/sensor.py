@@ -105,9 +105,25 @@ class Sensor(EnsembleBlock):
         ndarray, shape (trials, m)
         """
         exact = self.model.predict(target, platforms)
-        if self._mask is not None:
-            hidden = ~self._mask.visible(target, platforms)
-            if hidden.any():
-                exact = np.where((self._needs & hidden[..., None, :]).any(axis=-1), np.nan, exact)
+        seen = self.visible_rows(target, platforms)
+        if seen is not None:
+            exact = np.where(seen, exact, np.nan)
         white = normal(draw.seed, self.noise_name(), draw.first_trial, self.trials, tick, self.model.size)
         return self.model.represent(exact + np.einsum("ij,...j->...i", self._root, white))
+
+    def visible_rows(self, target: Array, platforms: Array) -> NDArray[np.bool_] | None:
+        """Return which rows have all their platforms in sight of the target, shape (..., m); None: all.
+
+        Parameters
+        ----------
+        target : ndarray, shape (..., n)
+            Place in the first three components.
+        platforms : ndarray, shape (..., p, 6)
+        """
+        if self._mask is None:
+            return None
+        hidden = ~self._mask.visible(target, platforms)
+        if not hidden.any():
+            return None
+        seen: NDArray[np.bool_] = ~np.any(self._needs & hidden[..., None, :], axis=-1)
+        return seen

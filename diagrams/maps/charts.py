@@ -1,0 +1,195 @@
+"""Planes over which a target's course is moved about as a whole: flat ones, and shells around the Earth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagrams.errors import UserError
+from diagrams.states import POSITION, columns
+from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+
+__all__ = ["Chart", "Flat", "Shell", "chart_of"]
+
+Array = NDArray[np.float64]
+
+_FLAT = {
+    "local": (("north", "east"), ("y, north [km]", "x, east [km]")),
+    "launch": (("up", "down_range"), ("Y, up at the site [km]", "X, down-range [km]")),
+}
+_EARTH = (("north", "east"), ("north of the scenario's target [km]", "east of it [km]"))
+_ORBIT = (("across", "along"), ("across the target's orbit, left positive [km]", "along it [km]"))
+_VECTORS = ("", "v", "a")  # what stands before x, y, z in the names of the components of position, velocity ...
+
+
+class Chart(Protocol):
+    """Counts places along two axes, the vertical one of a figure first, and moves a course to such a place."""
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """What the two axes are called."""
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """The same with units."""
+
+    @property
+    def middle(self) -> Array:
+        """Coordinates of the start of the scenario's target, shape (2,) [m]."""
+
+    @property
+    def furthest(self) -> float:
+        """How far from there the chart is of use [m]."""
+
+    def coordinates(self, places: Array) -> Array:
+        """Return the coordinates (..., 2) [m] of places (..., axes), projected on the plane."""
+
+    def moved(self, course: Array, names: Sequence[str], to: Array) -> Array:
+        """Return a course (time, n) of components `names` moved so that it starts at `to` (..., 2) [m].
+
+        The course is carried along as a rigid whole; shape (..., time, n).
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Flat:
+    """The x-y plane at the height of the target: courses are translated.
+
+    Parameters
+    ----------
+    names, labels : (str, str)
+    middle : ndarray, shape (2,)
+        Where the scenario's target starts, y before x [m].
+    """
+
+    names: tuple[str, str]
+    labels: tuple[str, str]
+    middle: Array
+    furthest: float = np.inf
+
+    def coordinates(self, places: Array) -> Array:
+        """See `Chart.coordinates`."""
+        return places[..., 1::-1]
+
+    def moved(self, course: Array, names: Sequence[str], to: Array) -> Array:
+        """See `Chart.moved`."""
+        found = np.broadcast_to(course, (*to.shape[:-1], *course.shape)).copy()
+        found[..., columns(names, ("y", "x"))] += (to - self.middle)[..., None, :]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Shell:
+    r"""A shell around the Earth through the target: at its geodetic height, or at its distance from the centre.
+
+    A place is counted as an arc on the sphere through the target: with :math:`\theta` its length over the radius and t
+    its direction at the target's radial unit vector :math:`u_0`, it is at :math:`u = u_0\cos\theta + t\sin\theta`.
+    Earth-fixed courses keep their height and their direction in east, north and up; inertial ones are turned about the
+    Earth's centre, which leaves a Keplerian orbit one.
+
+    Parameters
+    ----------
+    names, labels : (str, str)
+    place : ndarray, shape (3,)
+        Where the scenario's target starts [m].
+    axes : ndarray, shape (2, 3)
+        Unit vectors of the vertical and the horizontal axis there, across the radius.
+    geodetic : bool
+        Whether the axes are Earth-fixed, and heights those above the ellipsoid.
+    """
+
+    names: tuple[str, str]
+    labels: tuple[str, str]
+    place: Array
+    axes: Array
+    geodetic: bool
+
+    @property
+    def middle(self) -> Array:
+        """The target's start has coordinates zero."""
+        return np.zeros(2)
+
+    @property
+    def furthest(self) -> float:
+        """Half a radian: 3200 km on the ground."""
+        return 0.5 * self._radius
+
+    @property
+    def _radius(self) -> float:
+        return float(np.linalg.norm(self.place))
+
+    def coordinates(self, places: Array) -> Array:
+        """See `Chart.coordinates`."""
+        level = places @ self.axes.T
+        length = np.linalg.norm(level, axis=-1, keepdims=True)
+        arc = self._radius * np.arctan2(length, (places @ (self.place / self._radius))[..., None])
+        return arc * level / np.where(length > 0, length, 1.0)
+
+    def moved(self, course: Array, names: Sequence[str], to: Array) -> Array:
+        """See `Chart.moved`."""
+        start, turn = self._turned(to)
+        found = np.broadcast_to(course, (*to.shape[:-1], *course.shape)).copy()
+        for letter in _VECTORS:
+            parts = [letter + axis for axis in POSITION]
+            if not set(parts) <= set(names):
+                continue
+            at = columns(names, parts)
+            vectors = course[..., at] - (self.place if letter == "" else 0.0)
+            carried = np.einsum("...ij,tj->...ti", turn, vectors)
+            found[..., at] = carried + (start[..., None, :] if letter == "" else 0.0)
+        return found
+
+    def _turned(self, to: Array) -> tuple[Array, Array]:
+        """Return the place (..., 3) at coordinates (..., 2), and the rotation (..., 3, 3) of the course there."""
+        length = np.linalg.norm(to, axis=-1)[..., None]
+        ahead = (to @ self.axes) / np.where(length > 0, length, 1.0)
+        up, angle = self.place / self._radius, length / self._radius
+        radial = np.cos(angle) * up + np.sin(angle) * ahead
+        if self.geodetic:
+            height, origin = ecef_to_geodetic(self.place)[2], enu_rotation(*ecef_to_geodetic(self.place)[:2])
+            latitude, longitude, _ = ecef_to_geodetic(self._radius * radial)
+            turn = np.swapaxes(enu_rotation(latitude, longitude), -1, -2) @ origin
+            return geodetic_to_ecef(latitude, longitude, height), turn
+        # Rodrigues' formula about up x ahead, in terms of the two
+        outer = ahead[..., :, None] * up - up[:, None] * ahead[..., None, :]
+        both = up[:, None] * up + ahead[..., :, None] * ahead[..., None, :]
+        turn = np.eye(3) + np.sin(angle)[..., None] * outer - (1 - np.cos(angle))[..., None] * both
+        return self._radius * radial, turn
+
+
+def chart_of(frame: str, course: Array, names: Sequence[str]) -> Chart:
+    """Return the plane over which a target may be moved about.
+
+    Parameters
+    ----------
+    frame
+        See `diagrams.assembly.model.Model`.
+    course : ndarray, shape (time, n)
+        The target of the scenario.
+    names : sequence of str
+        Its components.
+
+    Raises
+    ------
+    UserError
+        If the target's place has too few components.
+    """
+    needed = ("x", "y") if frame in _FLAT else POSITION
+    if not set(needed) <= set(names):
+        raise UserError(f"gdop: a target of {', '.join(names)} cannot be moved about; {', '.join(needed)} are needed")
+    if frame in _FLAT:
+        return Flat(*_FLAT[frame], course[0, columns(names, ("y", "x"))])
+    place = course[0, columns(names, POSITION)]
+    radial = place / np.linalg.norm(place)
+    if frame == "earth_fixed":
+        across, words, ahead = np.array([0.0, 0.0, 1.0]), _EARTH, None
+    else:
+        ahead = course[min(1, len(course) - 1), columns(names, POSITION)] - place
+        across, words = np.cross(place, ahead), _ORBIT
+    across = across - radial * (radial @ across)
+    across /= np.linalg.norm(across)
+    return Shell(*words, place, np.stack([across, np.cross(across, radial)]), frame == "earth_fixed")
