@@ -144,11 +144,12 @@ def _way(mover: Waypoints, frame: str, where: str) -> tuple[Path, str]:
 
 def _orbit(mover: Kepler | PositionVelocity, duration: float, constants: GravityConstants, where: str) -> Path:
     if isinstance(mover, Kepler):
-        angles_deg = mover.inclination_deg, mover.raan_deg, mover.argument_of_perigee_deg
         elements = KeplerElements(
             mover.semi_major_axis_km * _KM,
             mover.eccentricity,
-            *(math.radians(angle) for angle in angles_deg),
+            math.radians(mover.inclination_deg),
+            math.radians(mover.raan_deg),
+            math.radians(mover.argument_of_perigee_deg),
             mean_anomaly(math.radians(mover.true_anomaly_deg), mover.eccentricity),
         )
         state = state_of(elements, constants.mu)

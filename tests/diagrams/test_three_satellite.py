@@ -164,5 +164,3 @@ def test_the_true_anomaly_of_an_eccentric_orbit_is_the_true_one():
     assert np.degrees(np.arctan2(state[1], state[0])) == pytest.approx(70, abs=1e-10)
     distance = 9e6 * (1 - 0.2**2) / (1 + 0.2 * np.cos(np.radians(70)))
     assert np.linalg.norm(state[:3]) == pytest.approx(distance, rel=1e-12)
-        9e6 * (1 - 0.2**2) / (1 + 0.2 * np.cos(np.radians(70))), rel=1e-12
-    )
