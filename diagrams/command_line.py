@@ -361,6 +361,12 @@ def verify(
     raise typer.Exit(verify_command(file, trials, seed, out, overwrite))
 
 
+def _leave_the_pipe() -> NoReturn:
+    """End where nobody reads any more: `quietfix show ... | head`."""
+    sys.stderr.close()
+    sys.exit(0)
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Run the command; a user's mistake is one line on standard error and exit status 2."""
     from diagrams.errors import UserError
@@ -378,13 +384,15 @@ def main(arguments: list[str] | None = None) -> None:
         _fail(f"{message.rstrip('.')}; see `quietfix --help`", 2)
     except (KeyboardInterrupt, typer.Abort):
         _fail("interrupted", 130)
-    except SystemExit as error:  # the parser does not exit by itself here, so a user's class or file has
+    except SystemExit as error:
+        if isinstance(error.__context__, BrokenPipeError):  # the parser's way to say it
+            _leave_the_pipe()
+        # else the parser does not exit by itself here, so a user's class or file has
         _fail(f"a class of the user's ended the program (SystemExit: {error})", 2)
     except MemoryError:
         _fail("the memory is not enough; fewer trials at once (--chunk), a shorter duration_s or fewer particles", 2)
-    except BrokenPipeError:  # `quietfix show ... | head`
-        sys.stderr.close()
-        sys.exit(0)
+    except BrokenPipeError:
+        _leave_the_pipe()
     finally:
         warnings.formatwarning = formatwarning
     if status == 130:  # Typer's own handling of Ctrl-C

@@ -181,3 +181,14 @@ def test_interrupt_keeps_finished_chunks_and_says_so(tmp_path):
     kept = open_result(tmp_path / "long.partial")
     assert kept.sizes["trial"] % 20 == 0 and kept.sizes["trial"] >= 20
     assert np.isfinite(kept["estimate"].values).all()
+
+
+@pytest.mark.parametrize("asked", [["list"], ["show", "three_satellite"]])
+def test_a_reader_that_goes_away_is_no_mistake(asked):
+    """As `quietfix list | head -1` does it: nothing is said, status 0."""
+    command = [sys.executable, "-u", "-m", "diagrams", *asked]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        running.stdout.readline()
+        running.stdout.close()
+        assert running.stderr.read() == ""
+    assert running.returncode == 0
