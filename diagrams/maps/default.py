@@ -80,7 +80,6 @@ def default_maps(model: Model, options: Mapping[str, Any], points: int | None = 
         seen[kept] = heard
         own = translated(truth[kept][heard], names, block.motion)
         judged = shared(block.motion.names, names)
-        scenario = "the scenario's course, moved about as a whole"
         found.append(
             BoundMap(
                 plane=Plane(chart.names, chart.labels, _sides(chart, axis)),
@@ -91,11 +90,7 @@ def default_maps(model: Model, options: Mapping[str, Any], points: int | None = 
                 sets={members[0]: block.bound_model},
                 motion=block.motion,
                 prior=prior if prior.ndim == 2 or len(prior) == 1 else prior[heard],
-                stated={
-                    "noise": _noise(block, own, times),
-                    "prior": _prior(block, prior),
-                    "target": f"{scenario}; {masked}; as {_few(members)} believe" + ("s" if len(members) == 1 else ""),
-                },
+                stated=_stated(members, block, own[:1, 0], times, prior, masked),
                 track=chart.coordinates(platforms[0, :, :_CURVES, :3]) / _KM,
                 track_labels=("platforms",) * min(platforms.shape[2], _CURVES),
                 points=chart.middle[None] / _KM,
@@ -200,6 +195,17 @@ def _quantities(judged: Sequence[str], frame: str) -> tuple[str, ...]:
 # -------------------------------------------------------------------------------------------------- in words
 
 
+def _stated(
+    members: Sequence[str], block: Estimator, state: Array, times: Array, prior: Array, rows: str
+) -> dict[str, str]:
+    believe = "believes" if len(members) == 1 else "believe"
+    return {
+        "noise": _noise(block, state, times),
+        "prior": _prior(block, prior),
+        "target": f"the scenario's course, moved about as a whole; {rows}; as {_few(members)} {believe}",
+    }
+
+
 def _few(names: Sequence[str]) -> str:
     return ", ".join(names) if len(names) < 4 else f"{names[0]} and {len(names) - 1} others"
 
@@ -211,11 +217,12 @@ def _prior(block: Estimator, prior: Array) -> str:
     return words if len(each) == 1 else f"{words} (median over the map)"
 
 
-def _noise(block: Estimator, truth: Array, times: Array) -> str:
-    if times.size < 2 or not len(truth):
+def _noise(block: Estimator, state: Array, times: Array) -> str:
+    """Return the process noise of the first step, at the state (1, n) of one of the targets."""
+    if times.size < 2 or not len(state):
         return "none"
     step = float(times[1] - times[0])
-    variance = np.diagonal(block.motion.process_noise(truth[:1, 0], step), axis1=-2, axis2=-1)
+    variance = np.diagonal(block.motion.process_noise(state, step), axis1=-2, axis2=-1)
     flat = np.reshape(variance, (-1, block.motion.size))[0]
     return f"{_sigmas(block, flat)} in {step:g} s" if np.any(flat > 0) else "none"
 
