@@ -50,6 +50,8 @@ from systems.plants.joined import Joined
 from systems.plants.mode_schedule import ModeSchedule
 from systems.plants.model_plant import ModelPlant
 from systems.plants.oscillator import BiasLaw, OscillatorBias
+from systems.plants.recorded_flight import RecordedFlight
+from systems.plants.rocket import Rocket as RocketPlant
 from systems.registry import estimator_options
 from systems.sensors.beacon import BeaconStations
 from systems.sensors.offset_prior import OffsetPrior
@@ -324,13 +326,14 @@ class _Flight:
 
     scenario: Scenario
     clock: Periodic
+    vehicle: RocketPlant | RecordedFlight
     positions: Array
     sensor: RangeRate
 
     def __call__(self, bus: Bus) -> None:
         """See `diagrams.assembly.model.Part`."""
         scenario, count_ = self.scenario, len(self.positions)
-        vehicle = bus.add(vehicle_block(scenario), gives={"target": "state"})
+        vehicle = bus.add(self.vehicle.again(), gives={"target": "state"})
         bus.publish(stage=vehicle.GetOutputPort("stage"), acceleration=vehicle.GetOutputPort("acceleration"))
         still = np.concatenate([self.positions, np.zeros_like(self.positions)], axis=1)
         bus.add(Constant("sites", still.ravel()), gives={"platforms": "state"})
@@ -394,7 +397,7 @@ def declare(scenario: Scenario) -> Model:
         duration=scenario.stop_s,
         divergence=scenario.divergence_m,
         parts=[
-            _Flight(scenario, clock, positions, real),
+            _Flight(scenario, clock, vehicle, positions, real),
             Impaired(real, clock, errors),
             KnownPlatforms(errors.sigma_platform_position_m, errors.sigma_platform_velocity_mps),
             _Prior(scenario),

@@ -22,15 +22,17 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 from scipy.stats import binomtest
 
-from diagrams.assembly.build import Assembly
+from diagrams.assembly.build import Assembly, build
 from diagrams.assembly.find import Found, find
 from diagrams.assembly.lineup import select_estimators
+from diagrams.assembly.model import Model
 from diagrams.assembly.system import System
 from diagrams.bootstrap import Interval, PairedBootstrap, Replicates, best_of, interval
 from diagrams.errors import UserError
 from diagrams.metrics import chi_square_band, diverged, errors, median, not_started
 from diagrams.score import Score
 from diagrams.starting import why_not_started
+from diagrams.states import shared
 from diagrams.stopwatch import Stopwatch
 from diagrams.study import Study, join
 from systems.registry import ESTIMATORS
@@ -77,6 +79,8 @@ class Lineup:
         With the estimators that were added.
     names : list of str
         The estimators side by side.
+    model : Model
+        What the scenario declares, whoever takes part.
     left_out : mapping of str to str
         Estimators that the system cannot take, and what it says.
     lighter : mapping of str to mapping
@@ -85,6 +89,7 @@ class Lineup:
 
     scenario: Any
     names: list[str]
+    model: Model
     left_out: Mapping[str, str] = field(default_factory=dict)
     lighter: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -109,6 +114,8 @@ def line_up(system: str | System | Found, scenario: Any, wanted: Sequence[str] |
         For a name that is not known.
     """
     scenario = copy.deepcopy(scenario)
+    found = find(system)
+    model = found.model(scenario)
     names: list[str] = []
     left_out: dict[str, str] = {}
     lighter: dict[str, Mapping[str, Any]] = {}
@@ -120,26 +127,25 @@ def line_up(system: str | System | Found, scenario: Any, wanted: Sequence[str] |
         for extra in STANDARD if asked == _DEFAULT else ESTIMATORS:
             if extra in ("custom", *names) or extra not in ESTIMATORS:
                 continue
-            reason = _refusal(system, scenario, extra)
+            reason = _refusal(found, model, scenario, extra)
             if reason is None:
-                names += select_estimators(scenario, [extra])
+                names.append(extra)
                 if extra in _LIGHT:
                     lighter[extra] = _LIGHT[extra]
                     scenario.estimators[extra] = dataclasses.replace(scenario.estimators[extra], **_LIGHT[extra])
             else:
                 left_out[extra] = reason
-    return Lineup(scenario, list(dict.fromkeys(names)), left_out, lighter)
+    return Lineup(scenario, list(dict.fromkeys(names)), model, left_out, lighter)
 
 
-def _refusal(system: str | System | Found, scenario: Any, name: str) -> str | None:
-    """Return what the system says against an estimator of the registry, or None."""
-    tried = copy.deepcopy(scenario)
-    chosen = select_estimators(tried, [name])
-    found = find(system)
+def _refusal(found: Found, model: Model, scenario: Any, name: str) -> str | None:
+    """Add an estimator of the registry to the scenario; return what the system says against it, or None."""
+    select_estimators(scenario, [name])
     try:
-        with found.blaming(tried.estimators, name):
-            found.system.build(DiagramBuilder(), tried, chosen, 1)
-    except ValueError as error:  # a scenario that is wrong itself says so again when the study is built
+        with found.blaming(scenario.estimators, name):
+            build(model, DiagramBuilder(), {name: scenario.estimators[name]}, 1)
+    except ValueError as error:
+        del scenario.estimators[name]
         return str(error).removeprefix(f"{name}: ")
     return None
 
@@ -160,23 +166,27 @@ class ComparedStudy(Study):
     Attributes
     ----------
     stopwatches : dict of str to Stopwatch
-    states : dict of str to int
-        How many states the NEES is about.
-    feedback : list of str
-        Predictions that go back into the measurements, ``estimator -> block``.
+        Of the estimators that run.
     """
 
     stopwatches: dict[str, Stopwatch]
-    states: dict[str, int]
-    feedback: list[str]
 
     def wire(self, trials: int) -> tuple[Assembly, DiagramBuilder, dict[str, Score]]:
         """See `Study.wire`."""
         wired, builder, scores = super().wire(trials)
         self.stopwatches = {name: Stopwatch(block) for name, block in wired.estimators.items()}
-        self.states = {name: len(score.scored) for name, score in scores.items()}
-        self.feedback = [f"{source} -> {target}" for source, target in wired.dashed]
         return wired, builder, scores
+
+    @property
+    def states(self) -> dict[str, int]:
+        """How many states the NEES is about, by estimator."""
+        truth = self.probe.truth_names
+        return {name: len(shared(block.motion.names, truth)) for name, block in self.probe.estimators.items()}
+
+    @property
+    def feedback(self) -> list[str]:
+        """Predictions that go back into the measurements, ``estimator -> block``."""
+        return [f"{source} -> {target}" for source, target in self.probe.dashed]
 
     @property
     def costs(self) -> dict[str, float]:
@@ -202,9 +212,7 @@ def prepare(
     chosen = line_up(found, scenario, estimators)
     if not chosen.names:
         raise UserError("estimators: none is given; at least one is needed")
-    options: dict[str, Any] = {"trials": trials, "seed": seed}
-    probe, _, _ = ComparedStudy(found, scenario=chosen.scenario, estimators=chosen.names[:1], **options).wire(1)
-    epochs = len(probe.clock.ticks(probe.duration))
+    epochs = len(chosen.model.clock.ticks(chosen.model.duration))
     if epochs * trials > _MOST and chosen.lighter:
         too_many = f"{epochs} epochs of {trials} trials would take it very long; --estimator asks for it all the same"
         chosen = dataclasses.replace(
@@ -213,8 +221,16 @@ def prepare(
             left_out={**chosen.left_out, **dict.fromkeys(chosen.lighter, too_many)},
             lighter={},
         )
-    options |= {"scenario": chosen.scenario, "estimators": chosen.names}
-    return ComparedStudy(found, every=math.ceil(epochs / _EPOCHS), **options), chosen
+    study = ComparedStudy(
+        found,
+        scenario=chosen.scenario,
+        estimators=chosen.names,
+        trials=trials,
+        seed=seed,
+        every=math.ceil(epochs / _EPOCHS),
+        model=chosen.model,
+    )
+    return study, chosen
 
 
 def compare(

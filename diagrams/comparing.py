@@ -73,8 +73,7 @@ def _check_time(prepared: Sequence[tuple[str, ComparedStudy, Lineup]], at: float
     if at is None:
         return
     for name, study, _ in prepared:
-        wired, _, _ = study.wire(1)
-        ticks = wired.clock.ticks(wired.duration)
+        ticks = study.model.clock.ticks(study.model.duration)
         if not ticks[0] <= at <= ticks[-1]:
             raise UserError(f"at: {at:g} is not allowed; {name} runs from {ticks[0]:g} to {ticks[-1]:g} s")
 

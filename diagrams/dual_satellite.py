@@ -210,8 +210,7 @@ def models(scenario: Scenario, believed: bool) -> dict[str, MeasurementModel]:
     }
 
 
-def _believed_stack(scenario: Scenario, name: str) -> MeasurementModel:
-    options = scenario.estimators[name]
+def _believed_stack(scenario: Scenario, name: str, options: EstimatorOptions) -> MeasurementModel:
     available = models(scenario, believed=True)
     kinds = list(options.measurements) or list(_KINDS)
     unknown = [kind for kind in kinds if kind not in available]
@@ -248,14 +247,14 @@ def declare(scenario: Scenario) -> Model:
 
     def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
         motion = ConstantVelocity(scenario.belief.acceleration_mps2)
-        return Assumed(_believed_stack(scenario, name), motion, start, stack.names, noise)
+        return Assumed(_believed_stack(scenario, name, options), motion, start, stack.names, noise)
 
     return Model(
         clock=clock,
         duration=scenario.duration_s,
         divergence=scenario.divergence_m,
         parts=[
-            Platforms(lambda: formation.satellite_orbit(scenario, _SATELLITES)),
+            Platforms(orbit.again),
             Emitter(truth.motion, start_state, clock),
             *sensors,
             Impaired(

@@ -14,8 +14,8 @@ from diagrams.errors import UserError
 from systems.documented import choice, documented, number
 from systems.motion.rocket import LaunchSite, RocketModel
 from systems.motion.rocket import Stage as RocketStage
+from systems.plants.recorded_flight import RecordedFlight
 from systems.plants.rocket import Rocket as RocketPlant
-from systems.signals import EnsembleBlock
 
 __all__ = [
     "Constants",
@@ -219,7 +219,7 @@ _FIELDS = {  # those that only a whole rocket can be told to be wrong in
 }
 
 
-def vehicle_block(scenario: Launch) -> EnsembleBlock:
+def vehicle_block(scenario: Launch) -> RocketPlant | RecordedFlight:
     """Return the block with the ports state, acceleration and stage.
 
     Raises

@@ -15,11 +15,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.assembly.build import Assembly
-from diagrams.assembly.find import Found, find
+from diagrams.assembly.find import Found
+from diagrams.assembly.lineup import estimator_key
 from diagrams.assembly.system import System
 from diagrams.bounds import alike, rows_present
 from diagrams.directions import direction_axes, named_components
-from diagrams.errors import UserError
+from diagrams.errors import UserError, texts
 from diagrams.states import POSITION, VELOCITY, shared, translated
 from diagrams.study import Study
 from systems.estimators.base import Estimator
@@ -208,18 +209,6 @@ def prior_root(names: Sequence[str], covariances: Sequence[Array]) -> Array:
 # -------------------------------------------------------------------------------------------------- of a run
 
 
-def _studied(system: str | System | Found, estimators: Sequence[str] | None, **options: Any) -> tuple[Study, list[str]]:
-    """Return a study of all of a scenario's estimators and those asked for, and the names of the latter."""
-    system = find(system)
-    whole = Study(system, trials=1, **options)
-    if not estimators:
-        return whole, whole.request.estimators
-    chosen = Study(system, estimators=estimators, trials=1, **options).request.estimators
-    known = whole.request.estimators
-    added = [name for name in estimators if name not in known]
-    return (Study(system, estimators=[*known, *added], trials=1, **options) if added else whole), chosen
-
-
 def observe(
     system: str | System | Found,
     *,
@@ -256,17 +245,22 @@ def observe(
     UserError
         For a window outside the run, an unknown estimator, or one whose start nobody can say.
     """
-    study, chosen = _studied(system, estimators, variant=variant, scenario=scenario, set=set, seed=seed)
+    asked = texts("estimators", estimators)
+    # the scenario's estimators are there too, for the priors that they know
+    everyone = ["default", *asked] if asked else None
+    study = Study(system, estimators=everyone, trials=1, variant=variant, scenario=scenario, set=set, seed=seed)
+    chosen = list(study.request.estimators)
+    if asked and "default" not in asked:
+        chosen = list(dict.fromkeys(map(estimator_key, asked)))
     with study.blaming():
-        return _observed(study, chosen, window, bool(estimators))
+        return _observed(study, chosen, window, bool(asked))
 
 
 def _observed(study: Study, chosen: Sequence[str], window: float | None, asked: bool) -> list[Observability]:
     """Return what a study's measurements say; `asked`: whether those chosen were asked for."""
-    wired = study.wire(1)[0]
-    ticks = wired.clock.ticks(wired.duration)
-    times = _window(ticks, window)
-    truth, platforms, present = _course(study, wired, times)
+    wired = study.probe
+    times = _window(wired.clock.ticks(wired.duration), window)
+    truth, platforms, present = _course(study, times)
     states = {name: translated(truth, wired.truth_names, block.motion) for name, block in wired.estimators.items()}
     priors: dict[str, Array] = {}
     for name, block in wired.estimators.items():
@@ -308,16 +302,15 @@ def _window(ticks: Array, window: float | None) -> Array:
     return ticks[ticks - ticks[0] <= window * (1 + 1e-9)]
 
 
-def _course(study: Study, wired: Assembly, times: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _course(study: Study, times: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Run a diagram until the last of `times`; return truth (1, time, n), platforms (1, time, p, 6), rows measured."""
-    builder, request = DiagramBuilder(), study.request
+    builder = DiagramBuilder()
     # one estimator is enough of a diagram; the truth does not depend on which
-    alone = study.system.build(builder, request.scenario, request.estimators[:1], 1)
-    ports = {"truth": alone.truth, "platforms": alone.platforms, "sensed": alone.sensed or alone.measurement}
-    recorder = record(builder, ports, alone.clock)
-    diagram = builder.Build()
+    alone = study.assemble(builder, 1, study.request.estimators[:1])
+    recorder = record(builder, alone.course, alone.clock)
+    diagram = alone.finish()
     context = diagram.CreateDefaultContext()
-    set_draw(diagram, context, Draw(request.seed, 0))
+    set_draw(diagram, context, Draw(study.request.seed, 0))
     simulator = Simulator(diagram, context)
     simulator.Initialize()
     simulator.AdvanceTo(float(times[-1]))

@@ -77,9 +77,8 @@ def _illustrate(dataset: xr.Dataset, study: Any, folder: Path) -> None:
     from diagrams.figures import study_figures
 
     study_figures(dataset, folder)
-    diagram, wired = study.diagram()
     header = f"{study.request.system}: {study.request.trials} trials"
-    draw(diagram, folder / "diagram.svg", dashed=wired.dashed, header=header)
+    draw(study.picture, folder / "diagram.svg", dashed=study.probe.dashed, header=header)
 
 
 def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
@@ -139,8 +138,7 @@ def draw_command(
         raise UserError(f"--out: {path} exists and was not drawn by this program; name it to replace it")
     with written_beside(path) as beside:
         study = Study(found, scenario=scenario, estimators=estimators, set=settings, trials=1)
-        diagram, wired = study.diagram()
-        draw(diagram, beside, dashed=wired.dashed, header=system)
+        draw(study.picture, beside, dashed=study.probe.dashed, header=system)
     print(f"{'replaced' if existed else 'wrote'} {path}")
 
 

@@ -8,9 +8,9 @@ Progress in Natural Science (in Chinese), received 2008. The frame is inertial t
 import dataclasses
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Union
 
@@ -41,7 +41,7 @@ from systems.motion.gravity import GravityConstants
 from systems.motion.kepler import KeplerElements, mean_motion, state_of
 from systems.motion.orbital import OrbitalMotion
 from systems.plants.orbit import DenseOrbit
-from systems.plants.recorded import RecordedTruth, hermite
+from systems.plants.recorded import RecordedTruth
 from systems.plants.sp3 import read_sp3
 from systems.registry import estimator_options
 from systems.sensors.platform_error import PlatformError
@@ -269,12 +269,15 @@ def kepler_state(orbit: Kepler, constants: GravityConstants, who: str) -> Array:
     return state_of(elements, constants.mu)
 
 
-def initial_states(scenario: Scenario) -> tuple[Array, Array]:
-    """Return the inertial states of observer and target at t = 0, each (6,); a recorded target's from its file."""
+def initial_states(scenario: Scenario, record: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
+    """Return the inertial states of observer and target at t = 0, each (6,).
+
+    A recorded target's are those of its `record`, which is read here if it is not given; see `recorded_orbit`.
+    """
     constants = gravity(scenario)
     observer = kepler_state(scenario.observer, constants, "observer")
     if isinstance(scenario.target, Sp3):
-        return observer, recorded_orbit(scenario)[1][0]
+        return observer, (record or recorded_orbit(scenario))[1][0]
     return observer, kepler_state(scenario.target, constants, "target")
 
 
@@ -336,17 +339,13 @@ def _check_planes(observer: Array, target: Array) -> None:
 class _Target:
     """The satellite that is heard: publishes ``target`` and ``truth``."""
 
-    scenario: Scenario
-    state: Array
+    solved: Callable[[], DenseOrbit | RecordedTruth]
 
     def __call__(self, bus: Bus) -> None:
         """See `diagrams.assembly.model.Part`."""
-        scenario = self.scenario
-        if isinstance(scenario.target, Sp3):
-            recorded = RecordedTruth(*recorded_orbit(scenario), name="target")
-            bus.add(recorded, gives={"target": "state", "truth": "state"})
-            return
-        bus.add(_orbit(scenario, self.state, "target"), gives={"target": "inertial", "truth": "inertial"})
+        block = self.solved().again()
+        port = "inertial" if isinstance(block, DenseOrbit) else "state"
+        bus.add(block, gives={"target": port, "truth": port})
 
 
 def _orbit(scenario: Scenario, state: Array, name: str) -> DenseOrbit:
@@ -366,25 +365,28 @@ def _preview(scenario: Scenario, clock: Periodic, bus: Bus, block: Estimator) ->
         raise UserError(
             f"duration_s: {scenario.duration_s:g} is not allowed; {name} looks ahead, at least {span:g} s are needed"
         )
-    sensor, observer, target = (bus[f"{signal}"].get_system() for signal in ("measured", "platforms", "target"))
-    if isinstance(scenario.target, Sp3):
-        times, states = recorded_orbit(scenario)
-
-        def target_at(t: float) -> Array:
-            return hermite(times, states, t)[0][None]
-    else:
-        target_at = target.at
+    sensor, observer, target = (bus[signal].get_system() for signal in ("measured", "platforms", "target"))
     known = bus["known"].get_system()
     error = known if isinstance(known, PlatformError) else None
-    bus.add(Preview(sensor, target_at, observer.at, clock, epochs, error, f"preview_{name}"))
+    bus.add(Preview(sensor, target.at, observer.at, clock, epochs, error, f"preview_{name}"))
     return f"preview_{name}.preview"
 
 
 def declare(scenario: Scenario) -> Model:
     """Return both satellites, sensor, prior and what the estimators are given; see `diagrams.assembly`."""
     truth, clock, constants = scenario.truth, Periodic(scenario.period_s), gravity(scenario)
-    listener, emitter = initial_states(scenario)
+    record = recorded_orbit(scenario) if isinstance(scenario.target, Sp3) else None
+    listener, emitter = initial_states(scenario, record)
     _check_planes(listener, emitter)
+
+    @cache
+    def observer() -> DenseOrbit:
+        return _orbit(scenario, listener, "observer")
+
+    @cache
+    def target() -> DenseOrbit | RecordedTruth:
+        return RecordedTruth(*record, name="target") if record else _orbit(scenario, emitter, "target")
+
     known = "truth.sigma_observer_m and truth.sigma_observer_mps say how well the observer is known"
     refuse(truth.errors, "truth.errors", {**NO_CLOCKS, "platform": known})
     real, full, covariance = true_sensor(scenario), believed_sensor(scenario), prior_covariance(scenario)
@@ -409,8 +411,8 @@ def declare(scenario: Scenario) -> Model:
         duration=scenario.duration_s,
         divergence=scenario.divergence_m,
         parts=[
-            Platforms(lambda: _orbit(scenario, listener, "observer"), "inertial"),
-            _Target(scenario, emitter),
+            Platforms(lambda: observer().again(), "inertial"),
+            _Target(target),
             TargetSensor("sensor", real, clock, mask, gives=["measured"]),
             Impaired(real, clock, truth.errors, mounts=[Mount(rows_of(["angles", "rates"]))]),
             KnownPlatforms(truth.sigma_observer_m, truth.sigma_observer_mps, name="observer_error"),

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -15,9 +16,10 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
 
-from diagrams.assembly.build import Assembly
+from diagrams.assembly.build import Assembly, build
 from diagrams.assembly.find import Found, find
 from diagrams.assembly.lineup import select_estimators
+from diagrams.assembly.model import Model
 from diagrams.assembly.system import System
 from diagrams.bounds import StudyBounds
 from diagrams.errors import UserError, choose
@@ -37,6 +39,8 @@ KEEP = ("estimates", "covariance", "measurements", "all")
 """What of each trial is kept; errors, NEES and NIS always are."""
 
 _CHUNK_BYTES = 1e8  # of recorded signals; a log, its stacked copy and the Dataset stand beside each other
+_OVERHEAD = 30  # trials: what a batch costs whatever its width
+_WORTH = 1.1  # a diagram that was built is used again unless the run would cost more than this many times as much
 _LARGEST_CHUNK = 2000  # trials; wider arrays leave the processor's cache and gain nothing
 
 
@@ -56,6 +60,21 @@ class _Request:
     chunk: int | None
 
 
+@dataclasses.dataclass(frozen=True)
+class _Running:
+    """A diagram that is built, and what reads it."""
+
+    width: int
+    wired: Assembly
+    diagram: Diagram
+    recorders: Sequence[Recorder]
+
+
+def _effort(count: int, width: int) -> int:
+    """Return what so many trials cost in batches of a width, in trials."""
+    return math.ceil(count / width) * (width + _OVERHEAD)
+
+
 class Study:
     """A study that is built and can be run; `run_study` is the short way.
 
@@ -63,6 +82,17 @@ class Study:
     ----------
     system, variant, scenario, estimators, trials, first_trial, seed, set, keep, every, chunk
         See `run_study`.
+    model : Model, optional
+        What the scenario declares, where that is known already.
+
+    Attributes
+    ----------
+    model : Model
+        What the scenario declares, once for all that the study builds.
+    probe : Assembly
+        Wired, and never simulated: it tells all that is to be known of the study before it runs.
+    chunk : int
+        Trials at once.
     """
 
     def __init__(
@@ -79,6 +109,7 @@ class Study:
         keep: str = "estimates",
         every: int = 1,
         chunk: int | None = None,
+        model: Model | None = None,
     ) -> None:
         self.found = found = find(system, variant)
         self.system = found.system
@@ -108,33 +139,38 @@ class Study:
             int(every),
             chunk,
         )
+        self.model = model or found.model(scenario)
         # Two trials tell what each trial has of its own from what all share; in one both look alike.
         with self.blaming():
-            probe, _, scores = self.wire(2)
-            shapes = self._signals(probe, scores)[1]
+            self.probe = self.assemble(DiagramBuilder(), 2)
+            shapes = self._signals(self.probe)[1]
             self._shared = {signal for signal, (trials, _) in shapes.items() if trials == 1}
-            self.chunk = chunk or self._fitting_chunk(probe)
+            self._floats = sum(size for _, size in shapes.values())
+            self._truth_names = self.probe.truth_names
+            self._asked_chunk = chunk
+            self.chunk = self._width(self.request.trials)
+        self._running: _Running | None = None
 
-    def _fitting_chunk(self, probe: Assembly) -> int:
-        """Return how many trials at once keep the memory of a chunk bounded."""
-        floats = sum(size for _, size in self._signals(probe)[1].values())
-        ticks = len(probe.clock.ticks(probe.duration)) / self.request.every
-        fits = max(
-            1, min(self.request.trials, probe.model.widest or _LARGEST_CHUNK, int(_CHUNK_BYTES / (8 * floats * ticks)))
-        )
+    def _width(self, count: int) -> int:
+        """Return how many of so many trials to run at once, so that the memory of a chunk is bounded."""
+        if self._asked_chunk:
+            return self._asked_chunk
+        ticks = len(self.model.clock.ticks(self.model.duration)) / self.request.every
+        fits = max(1, min(count, self.model.widest or _LARGEST_CHUNK, int(_CHUNK_BYTES / (8 * self._floats * ticks))))
         # Chunks of equal width: the last one runs full and is cut, which wastes up to a whole chunk.
-        return math.ceil(self.request.trials / math.ceil(self.request.trials / fits))
+        return math.ceil(count / math.ceil(count / fits))
 
     # ---- building
 
     def wire(self, trials: int) -> tuple[Assembly, DiagramBuilder, dict[str, Score]]:
         """Return the wired diagram under construction for a batch of trials, and its scores."""
         builder = DiagramBuilder()
-        wired = self._wired(builder, trials)
-        truth_trials, truth_names = wired.truth.get_system().output_size(wired.truth.get_name())[0], wired.truth_names
+        wired = self.assemble(builder, trials)
+        truth_trials = wired.bus.shape("truth")[0]
         scores = {}
         for name, estimator in wired.estimators.items():
-            score = builder.AddSystem(Score(f"score_{name}", trials, truth_trials, truth_names, estimator.motion.names))
+            names = self._truth_names, estimator.motion.names
+            score = builder.AddSystem(Score(f"score_{name}", trials, truth_trials, *names))
             builder.Connect(wired.truth, score.GetInputPort("truth"))
             for port in ("estimate", "covariance"):
                 builder.Connect(estimator.GetOutputPort(port), score.GetInputPort(port))
@@ -142,18 +178,30 @@ class Study:
         return wired, builder, scores
 
     def diagram(self, trials: int = 1) -> tuple[Diagram, Assembly]:
-        """Return the diagram without scores and recorder: what is drawn, and what a user continues from."""
-        builder = DiagramBuilder()
-        wired = self._wired(builder, trials)
+        """Return a diagram without scores and recorder, for a user to continue from."""
+        wired = self.assemble(DiagramBuilder(), trials)
         with self.blaming():
-            diagram = builder.Build()
-        diagram.set_name(self.system.name)
-        return diagram, wired
+            return wired.finish(self.system.name), wired
 
-    def _wired(self, builder: DiagramBuilder, trials: int) -> Assembly:
+    @cached_property
+    def picture(self) -> Diagram:
+        """The diagram as it is drawn, without scores and recorder: that of the probe."""
+        with self.blaming():
+            return self.probe.finish(self.system.name)
+
+    def assemble(self, builder: DiagramBuilder, trials: int, estimators: Sequence[str] | None = None) -> Assembly:
+        """Put parts and estimators (by default those of the study) into a diagram under construction.
+
+        Raises
+        ------
+        UserError
+            If something does not fit.
+        """
+        options = self.request.scenario.estimators
         try:
             with self.blaming():
-                wired = self.system.build(builder, self.request.scenario, self.request.estimators, trials)
+                chosen = {name: options[name] for name in estimators or self.request.estimators}
+                wired = build(self.model, builder, chosen, trials)
         except UserError:
             raise
         except ValueError as error:  # a block says what is wrong with its arguments in the user's words
@@ -170,7 +218,7 @@ class Study:
     ) -> tuple[dict[str, Any], dict[str, tuple[int, int]]]:
         """Return the ports to record by name, and their shapes."""
         keep = self.request.keep
-        ports = {"truth": wired.truth, "platforms": wired.platforms, "sensed": wired.sensed or wired.measurement}
+        ports = wired.course
         for name, estimator in wired.estimators.items():
             wanted = ["estimate", "nis", "nis_dof"]
             wanted += ["covariance"] if keep in ("covariance", "all") else []
@@ -191,9 +239,22 @@ class Study:
 
     # ---- running
 
-    def chunks(self, progress: bool = False) -> Iterator[xr.Dataset]:
-        """Run the study and yield one Dataset per chunk; the last one carries the bounds."""
-        made = self._chunks(progress)
+    def chunks(self, progress: bool = False, first: int = 0, count: int | None = None) -> Iterator[xr.Dataset]:
+        """Run the study and yield one Dataset per chunk.
+
+        Parameters
+        ----------
+        progress : bool
+            Show a progress bar.
+        first, count : int
+            Which of the study's trials are run, by default all; the study goes on with the diagram that it has.
+
+        Yields
+        ------
+        xarray.Dataset
+            A chunk of trials; the last one carries the bounds of those that were run.
+        """
+        made = self._chunks(progress, first, self.request.trials - first if count is None else count)
         while True:
             with self.blaming():
                 chunk = next(made, None)
@@ -202,29 +263,25 @@ class Study:
             yield chunk
             del chunk
 
-    def _chunks(self, progress: bool) -> Iterator[xr.Dataset]:
+    def _chunks(self, progress: bool, first: int, trials: int) -> Iterator[xr.Dataset]:
         request = self.request
-        width = min(self.chunk, request.trials)
-        wired, builder, scores = self.wire(width)
-        recorder = record(builder, self._signals(wired, scores)[0], self._record_clock(wired.clock, wired.duration))
-        # The bound's recursion needs every epoch, also those that are not kept.
-        course = {"truth": wired.truth, "platforms": wired.platforms, "sensed": wired.sensed or wired.measurement}
-        recorders = [recorder, recorder if request.every == 1 else record(builder, course, wired.clock, "course")]
-        diagram = builder.Build()
-        simulator = Simulator(diagram)
+        running = self._diagram_for(trials)
+        wired, recorders, width = running.wired, running.recorders, running.width
+        recorder, simulator = recorders[0], Simulator(running.diagram)
         bounds = StudyBounds(wired, wired.clock.ticks(wired.duration))
-        with Progress(f"{self.system.name}, {request.trials} trials", request.trials, progress) as bar:
-            for done in range(0, request.trials, width):
-                count = min(width, request.trials - done)
-                context = self._run(simulator, diagram, recorders, wired, bar, done, width)
+        with Progress(f"{self.system.name}, {trials} trials", trials, progress) as bar:
+            for done in range(0, trials, width):
+                size = min(width, trials - done)
+                begin = request.first_trial + first + done
+                context = self._run(simulator, running, bar, done, begin)
                 times, signals = recorder.result(context)
                 path = signals if request.every == 1 else recorders[1].result(context)[1]
-                present = np.isfinite(path["sensed"].swapaxes(0, 1)[:count])
-                bounds.add(path["truth"].swapaxes(0, 1)[:count], self._carriers(path, count), count, present)
-                chunk = self._dataset(times, signals, wired, request.first_trial + done, count)
-                rows = np.broadcast_to(present.sum(axis=-1).max(axis=-1), count)
+                present = np.isfinite(path["sensed"].swapaxes(0, 1)[:size])
+                bounds.add(path["truth"].swapaxes(0, 1)[:size], self._carriers(path, size), size, present)
+                chunk = self._dataset(times, signals, begin, size)
+                rows = np.broadcast_to(present.sum(axis=-1).max(axis=-1), size)
                 chunk = chunk.assign_coords(measured_rows=("trial", rows, {"rows": present.shape[-1]}))
-                if done + count == request.trials:
+                if done + size == trials:
                     kept = np.isin(bounds.times, times)
                     chunk = chunk.assign({name: (dims, v[:, kept]) for name, (dims, v) in bounds.variables().items()})
                 # a generator keeps its variables while it waits and while the next chunk runs
@@ -232,22 +289,34 @@ class Study:
                 yield chunk
                 del chunk
 
+    def _diagram_for(self, count: int) -> _Running:
+        """Return the diagram that runs so many trials: the one that is there, unless another is much cheaper."""
+        width = min(self._width(count), count)
+        if self._running is None or _effort(count, self._running.width) > _WORTH * _effort(count, width):
+            wired, builder, scores = self.wire(width)
+            recorder = record(builder, self._signals(wired, scores)[0], self._record_clock(wired.clock, wired.duration))
+            recorders = [recorder]
+            if self.request.every > 1:
+                # The bound's recursion needs every epoch, also those that are not kept.
+                recorders.append(record(builder, wired.course, wired.clock, "course"))
+            self._running = _Running(width, wired, wired.finish(), recorders)
+        return self._running
+
     def _run(
         self,
         simulator: Simulator,
-        diagram: Diagram,
-        recorders: Sequence[Recorder],
-        wired: Assembly,
+        running: _Running,
         bar: Progress,
         done: int,
-        width: int,
+        begin: int,
     ) -> Context:
-        context = diagram.CreateDefaultContext()
-        set_draw(diagram, context, Draw(self.request.seed, self.request.first_trial + done))
+        wired = running.wired
+        context = running.diagram.CreateDefaultContext()
+        set_draw(running.diagram, context, Draw(self.request.seed, begin))
         simulator.reset_context(context)
 
         def monitor(root: Context) -> EventStatus:
-            bar.update(done + width * root.get_time() / wired.duration)
+            bar.update(done + running.width * root.get_time() / wired.duration)
             return EventStatus.DidNothing()
 
         simulator.set_monitor(monitor)
@@ -272,13 +341,11 @@ class Study:
         platforms = signals["platforms"].swapaxes(0, 1)[:count]
         return platforms.reshape(*platforms.shape[:2], -1, 6)
 
-    def _dataset(
-        self, times: Array, signals: Mapping[str, Array], wired: Assembly, first: int, count: int
-    ) -> xr.Dataset:
+    def _dataset(self, times: Array, signals: Mapping[str, Array], first: int, count: int) -> xr.Dataset:
         """Turn a run's log into a Dataset, cutting the trials that only filled the batch."""
-        request = self.request
+        request, wired = self.request, self.probe
         names = request.estimators
-        states, truth_names = wired.estimated_names, wired.truth_names
+        states, truth_names = wired.estimated_names, self._truth_names
         owned = [wired.estimators[name].motion.names for name in names]
         places = [columns(states, own) for own in owned]
 
@@ -348,13 +415,13 @@ class Study:
         if "measurement" in data:
             named = wired.stream or []
             coordinates["row"] = named if len(named) == rows else list(stream)
-        dataset = xr.Dataset(data, coordinates, self.attributes(wired))
+        dataset = xr.Dataset(data, coordinates, self.attributes())
         dataset["truth"].attrs["long_name"] = f"state of the target, {wired.model.frame.replace('_', '-')} axes"
         return dataset
 
-    def attributes(self, wired: Assembly) -> dict[str, Any]:
+    def attributes(self) -> dict[str, Any]:
         """Return what a result needs to be run again from itself."""
-        request = self.request
+        request, wired = self.request, self.probe
         return {
             "system": request.system,
             "variant": request.variant or "",

@@ -155,19 +155,18 @@ class Sweep:
         kind = _numeric_kind(base, self.vary.key)
         if kind is int and any(value != int(value) for value in self.vary.values):
             raise UserError(f"--vary: {self.vary.key} = {self.vary.values} is not allowed; whole numbers")
-        options: dict[str, Any] = {"scenario": scenario, "estimators": estimators}
-        options |= {"trials": trials, "seed": seed}
+        options: dict[str, Any] = {"estimators": estimators, "trials": trials, "seed": seed}
         self._studies, self._at = [], at
         for value in self.vary.values:
-            number = [f"{self.vary.key}={kind(value)!r}"]
-            study = ComparedStudy(found, set=settings + number, **options)
-            wired, _, _ = study.wire(1)
-            ticks = wired.clock.ticks(wired.duration)
+            point = found.system.resolve(found.variant, scenario, [*settings, f"{self.vary.key}={kind(value)!r}"])
+            model = found.model(point)
+            ticks = model.clock.ticks(model.duration)
             epoch = nearest_epoch(ticks, at)
             # only that epoch is kept, beside the first
             every = epoch if epoch > 0 else len(ticks)
-            self._studies.append((ComparedStudy(found, set=settings + number, every=every, **options), epoch, ticks))
-        self.attributes = dict(self._studies[0][0].attributes(wired)) | {"key": self.vary.key}
+            study = ComparedStudy(found, scenario=point, every=every, model=model, **options)
+            self._studies.append((study, epoch, ticks))
+        self.attributes = self._studies[0][0].attributes() | {"key": self.vary.key}
 
     def points(self, progress: bool = False) -> Iterator[xr.Dataset]:
         """Run the points one after the other and yield each as a Dataset with the dimension ``point``."""

@@ -244,8 +244,7 @@ def _chain(scenario: Scenario) -> list[InterferometerPhase]:
     ]
 
 
-def _believed_stack(scenario: Scenario, name: str) -> MeasurementModel:
-    options = scenario.estimators[name]
+def _believed_stack(scenario: Scenario, name: str, options: EstimatorOptions) -> MeasurementModel:
     available = models(scenario, believed=True)
     kinds = list(options.measurements) or ["tdoa", "fdoa", "phase"]
     unknown = [kind for kind in kinds if kind not in available]
@@ -284,14 +283,14 @@ def declare(scenario: Scenario) -> Model:
         )
         motion = ConstantVelocity(belief.acceleration_mps2)
         takes = {"measurement": "raw"} if raw else {}
-        return Assumed(_believed_stack(scenario, name), motion, start, rows, takes)
+        return Assumed(_believed_stack(scenario, name, options), motion, start, rows, takes)
 
     return Model(
         clock=clock,
         duration=scenario.duration_s,
         divergence=scenario.divergence_m,
         parts=[
-            Platforms(lambda: satellite_orbit(scenario)),
+            Platforms(orbit.again),
             Emitter(truth.motion, start_state, clock),
             TargetSensor("sensor", stack, clock, mask, gives=["measured"]),
             TargetSensor("assumed_height", Altitude(sigma_height, "assumed_height"), clock),

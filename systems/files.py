@@ -6,6 +6,8 @@ import os
 import stat
 from pathlib import Path
 
+from systems.counting import count
+
 __all__ = ["Unreadable", "read_bytes", "read_text", "regular_size"]
 
 _LARGEST = 32_000_000
@@ -62,6 +64,7 @@ def read_bytes(path: Path | str, largest: int = _LARGEST) -> bytes:
     Unreadable
         As of `regular_size`, and if it is larger.
     """
+    count("read")
     file = Path(path)
     descriptor, size = _open(file)
     try:

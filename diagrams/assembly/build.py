@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Assumed, Model
 from diagrams.errors import UserError
 from systems.clocks import Clock
+from systems.counting import count
 from systems.estimators.base import Estimator, Wiring
 from systems.motion.base import MotionModel
 
@@ -39,6 +40,14 @@ class Assembly:
     estimators: Mapping[str, Estimator]
     dashed: Sequence[tuple[str, str]]
 
+    def finish(self, name: str | None = None) -> Diagram:
+        """Return the diagram, which can be made once; all that is said here of it stays true."""
+        count("built")
+        diagram = self.bus.builder.Build()
+        if name is not None:
+            diagram.set_name(name)
+        return diagram
+
     @property
     def truth(self) -> OutputPort:
         """State of the target; with the platforms the only truth that metrics and bounds read."""
@@ -58,6 +67,11 @@ class Assembly:
     def sensed(self) -> OutputPort:
         """Its finite rows say what was measured at all, for the bounds; the rows of the stream come first on it."""
         return self.bus["raw" if "raw" in self.bus else "measurement"]
+
+    @property
+    def course(self) -> dict[str, OutputPort]:
+        """What the bounds read of a run."""
+        return {"truth": self.truth, "platforms": self.platforms, "sensed": self.sensed}
 
     @property
     def signals(self) -> dict[str, OutputPort]:
@@ -143,6 +157,7 @@ def build(model: Model, builder: DiagramBuilder, options: Mapping[str, Any], tri
     ValueError
         If something does not fit, in the user's words.
     """
+    count("wired")
     bus = Bus(builder, trials)
     for part in model.parts:
         part(bus)

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from diagrams.assembly.model import Model
 from diagrams.assembly.source import blaming, import_file, import_module
 from diagrams.assembly.system import System
 from diagrams.errors import UserError, choose
@@ -99,6 +100,22 @@ class Found:
             What the message begins with; by default the system.
         """
         return blaming(title or self.title, self.place, self.source != "packaged", estimators)
+
+    def model(self, scenario: Any) -> Model:
+        """Return what a scenario declares, once for all diagrams of it.
+
+        Raises
+        ------
+        UserError
+            If something does not fit, or the system's own code fails.
+        """
+        try:
+            with self.blaming(scenario.estimators):
+                return self.system.model(scenario)
+        except UserError:
+            raise
+        except ValueError as error:  # an orbit, a file: in the user's words
+            raise UserError(str(error)) from error
 
     def of(self, variant: str | None) -> Found:
         """Return another variant of it; None: the same.

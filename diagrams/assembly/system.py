@@ -19,6 +19,7 @@ from diagrams.assembly.model import Model
 from diagrams.errors import UserError, choose, texts
 from diagrams.scenario import apply_setting, check_object, dump, load, merge, read_yaml
 from systems.clocks import Periodic
+from systems.counting import count
 
 __all__ = ["Layer", "System", "packaged"]
 
@@ -181,9 +182,15 @@ class System:
 
     # ---- the diagram
 
-    def build(self, builder: DiagramBuilder, scenario: Any, estimators: Sequence[str], trials: int) -> Assembly:
-        """Put what a scenario declares and the estimators of these names into a diagram; see `assembly.build.build`."""
-        options = {name: scenario.estimators[name] for name in estimators}
+    def model(self, scenario: Any) -> Model:
+        """Return what a scenario declares: once for all diagrams of it, for it may solve equations or read files.
+
+        Raises
+        ------
+        ValueError
+            If something does not fit.
+        """
+        count("declared")
         model = self.declare(scenario)
         if not isinstance(model, Model):
             raise ValueError(f"declare: it returned {type(model).__name__}; diagrams.assembly.model.Model is needed")
@@ -192,7 +199,12 @@ class System:
                 f"duration: {model.duration:g} is not allowed; at most {_MOST_EPOCHS} epochs of "
                 f"{model.clock.period:g} s"
             )
-        return build(model, builder, options, trials)
+        return model
+
+    def build(self, builder: DiagramBuilder, scenario: Any, estimators: Sequence[str], trials: int) -> Assembly:
+        """Put what a scenario declares and the estimators of these names into one diagram; see `build`."""
+        options = {name: scenario.estimators[name] for name in estimators}
+        return build(self.model(scenario), builder, options, trials)
 
     def diagram(
         self, scenario: Any = None, trials: int = 1, set: Sequence[str] | Mapping[str, Any] | None = None
@@ -218,10 +230,7 @@ class System:
         """
         resolved = self.resolve(None, scenario, set)
         builder = DiagramBuilder()
-        self.build(builder, resolved, select_estimators(resolved, None), trials)
-        diagram = builder.Build()
-        diagram.set_name(self.name)
-        return diagram
+        return self.build(builder, resolved, select_estimators(resolved, None), trials).finish(self.name)
 
 
 def packaged(name: str) -> dict[str, Any]:

@@ -58,19 +58,15 @@ class GrowingStudy:
         self.requirements = [r for r in specification.requirements if r.case == case]
         self.looks = tuple(looks)
         self._progress = progress
-        self._options = _options(specification, path, case, self.requirements) | {"seed": seed}
-        probe = self._study(1, 0)
-        wired, _, _ = probe.wire(1)
-        self.run = Run(wired)
-        self.version = str(probe.attributes(wired)["version"])
+        options = _options(specification, path, case, self.requirements)
+        self._study = Study(**options, trials=self.looks[-1], seed=seed)
+        self.run = Run(self._study.probe)
+        self.version = str(self._study.attributes()["version"])
         for i, requirement in enumerate(specification.requirements):
             if requirement.case == case:
                 self._check(requirement, f"requirements.{i}")
         self._samples: list[list[Array]] = []
         self._squares: list[list[float | None]] = []
-
-    def _study(self, trials: int, first: int) -> Study:
-        return Study(**self._options, trials=trials, first_trial=first)
 
     def _check(self, requirement: Requirement, where: str) -> None:
         assert requirement.confidence is not None
@@ -94,7 +90,7 @@ class GrowingStudy:
         first = self.looks[k - 1] if k else 0
         parts: list[list[Array]] = [[] for _ in self.requirements]
         squares: list[float | None] = []
-        for chunk in self._study(self.looks[k] - first, first).chunks(self._progress):
+        for chunk in self._study.chunks(self._progress, first, self.looks[k] - first):
             view = View(chunk)
             for r, found in zip(self.requirements, parts, strict=True):
                 found.append(r.measured.reduce(view, r.estimator, self.run))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
 from systems.clocks import Clock, same_instant
+from systems.counting import count
 from systems.estimators.start import Start
 from systems.filters.whitening import unknown_rows
 from systems.measurement.base import MeasurementModel
@@ -326,6 +327,7 @@ class Estimator(EnsembleBlock):
 
     def _calc_prior(self, context: Context) -> Belief:
         """Return the memory moved to now, or what is stored where the measurement of now is in it."""
+        count("prior", self)
         state = context.get_discrete_state(self._state).value().copy()
 
         def stored(group: str) -> Array:
@@ -363,6 +365,7 @@ class Estimator(EnsembleBlock):
 
     def _calc_posterior(self, context: Context) -> Belief:
         """Return memory, innovation and which trials have started, after the measurement of now."""
+        count("posterior", self)
         prior: Belief = self.cached(context, self._prior)
         if prior.current:
             return prior

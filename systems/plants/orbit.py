@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, ContinuousState
+from scipy.integrate import OdeSolution
 
 from systems.frames import WGS84_ECCENTRICITY_SQUARED, inertial_to_earth_fixed
 from systems.motion.gravity import GravityConstants, above_surface, acceleration
@@ -159,6 +160,8 @@ class DenseOrbit(_OrbitBlock):
         Whether the flattening of the Earth acts.
     name : str
         Name of the block.
+    solution : scipy.integrate.OdeSolution, optional
+        Of just these, where it is known; see `again`.
 
     Raises
     ------
@@ -174,6 +177,7 @@ class DenseOrbit(_OrbitBlock):
         constants: GravityConstants | None = None,
         j2: bool = True,
         name: str = "orbit",
+        solution: OdeSolution | None = None,
     ) -> None:
         super().__init__(name, initial, constants, j2)
         if self.trials != 1:
@@ -184,12 +188,21 @@ class DenseOrbit(_OrbitBlock):
         if not (np.isfinite(end) and end > 0):
             raise ValueError(f"orbit end: {end} is not allowed; it must be finite and > 0 s")
         self.end = float(end)
+        self._slack = 1e-9 * self.end
+        self._solution = self._solve(name) if solution is None else solution
+        self._at = self.declare_cached("inertial", DenseOrbit._evaluate, {self.time_ticket()})
+        ticket = self.cached_ticket(self._at)
+        self._declare_ports(ticket, {ticket})
 
+    def again(self) -> DenseOrbit:
+        """Return such a block for another diagram; nothing is solved again."""
+        return DenseOrbit(self.initial, self.end, self.constants, self.j2, self.get_name(), self._solution)
+
+    def _solve(self, name: str) -> OdeSolution:
         def ground(t: float, x: Array) -> float:
             return float(self._heights(x).min())
 
         ground.terminal = True  # type: ignore[attr-defined]
-        self._slack = 1e-9 * self.end
         solved = solve(
             f"orbit of {name}",
             lambda t, x: derivative(x.reshape(-1, 6), self.constants, self.j2).ravel(),
@@ -204,10 +217,7 @@ class DenseOrbit(_OrbitBlock):
         if solved.status == 1:
             lowest = int(np.argmin(self._heights(solved.y[:, -1])))
             raise ValueError(f"orbit of {name}: satellite {lowest} falls onto the Earth after {solved.t[-1]:.0f} s")
-        self._solution = solved.sol
-        self._at = self.declare_cached("inertial", DenseOrbit._evaluate, {self.time_ticket()})
-        ticket = self.cached_ticket(self._at)
-        self._declare_ports(ticket, {ticket})
+        return solved.sol
 
     def _heights(self, state: Array) -> Array:
         """Return heights above the ellipsoid as shares of the equatorial radius, near the surface."""

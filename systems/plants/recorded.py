@@ -119,6 +119,14 @@ class RecordedTruth(EnsembleBlock):
         self.declare_output("state", self.trials, 6, self._state, ticket)
         self.declare_output("acceleration", self.trials, 3, self._acceleration, ticket)
 
+    def again(self) -> RecordedTruth:
+        """Return such a block for another diagram."""
+        return RecordedTruth(self.times, self.states, self.get_name())
+
+    def at(self, time: float) -> Array:
+        """Return the states (trials, 6) at a time [s]; NaN outside the record."""
+        return hermite(self.times, self.states, time)[0]
+
     def _interpolate(self, context: Context) -> tuple[Array, Array]:
         return hermite(self.times, self.states, context.get_time())
 

@@ -36,6 +36,10 @@ class RecordedFlight(EnsembleBlock):
         self.declare_output("acceleration", 1, 3, lambda c: self.at(c.get_time())[1][None], ticket)
         self.declare_output("stage", 1, 1, self._stage, ticket)
 
+    def again(self) -> RecordedFlight:
+        """Return such a block for another diagram."""
+        return RecordedFlight(self.flight, self.get_name())
+
     def at(self, time: float) -> tuple[Array, Array]:
         """Return state (6,) and acceleration (3,) at `time` [s]; NaN off the record."""
         return self.flight.at(time)

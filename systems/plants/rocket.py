@@ -71,18 +71,30 @@ class Rocket(EnsembleBlock):
         How long it is flown [s]; later states are NaN.
     name : str
         Name of the block.
+    segments : list of (float, OdeSolution), optional
+        What `fly` returns for just these, where it is known; see `again`.
     """
 
-    def __init__(self, model: RocketModel, end: float, name: str = "rocket") -> None:
+    def __init__(
+        self,
+        model: RocketModel,
+        end: float,
+        name: str = "rocket",
+        segments: list[tuple[float, OdeSolution]] | None = None,
+    ) -> None:
         super().__init__(name)
         self.model = model
         self.end = float(end)
-        self._segments = fly(model, self.end)
+        self._segments = fly(model, self.end) if segments is None else segments
         self._begins = np.array([begin for begin, _ in self._segments])
         ticket = {self.time_ticket()}
         self.declare_output("state", 1, 6, lambda c: self.at(c.get_time())[0][None], ticket)
         self.declare_output("acceleration", 1, 3, lambda c: self.at(c.get_time())[1][None], ticket)
         self.declare_output("stage", 1, 1, self._stage, ticket)
+
+    def again(self) -> Rocket:
+        """Return such a block for another diagram; nothing is flown again."""
+        return Rocket(self.model, self.end, self.get_name(), self._segments)
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Return state (6,) and acceleration (3,) at `time` [s]; at rest before lift-off, NaN after the end."""

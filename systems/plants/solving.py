@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 
+from systems.counting import count
+
 __all__ = ["solve"]
 
 Array = NDArray[np.float64]
@@ -38,6 +40,7 @@ def solve(
     ValueError
         If there is no solution up to `end`, or it takes more than 400,000 calls of the derivative.
     """
+    count("solved")
     calls = 0
 
     def counted(t: float, x: ArrayLike) -> Array:
