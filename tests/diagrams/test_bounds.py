@@ -5,12 +5,12 @@ import pytest
 import xarray as xr
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams import bounds
 from diagrams.assembly.find import find
 from diagrams.bounds import StudyBounds, add_bounds, bound_curves, rows_present
 from diagrams.catalogue import load_scenario
 from diagrams.posterior_bound import posterior_bound
 from diagrams.three_satellite import satellite_states, target_state
+from systems.counting import counting
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.whitening import Whitener
 from systems.frames import course_speed, geodetic_state, inertial_to_earth_fixed, up
@@ -281,33 +281,15 @@ def test_bounds_of_the_packaged_scenario_are_those_of_the_reference():
     np.testing.assert_allclose(found["bound_truth_position"][:, 1], found["bound_position"][:, 1], rtol=1e-6)
 
 
-def test_work_is_shared_by_estimators_that_are_alike(monkeypatch):
+def test_work_is_shared_by_estimators_that_are_alike():
     times, truth, platforms = passing(epochs=3, step=1.0)
-    calls = []
-    steps = bounds.bound_steps
-    monkeypatch.setattr(bounds, "bound_steps", lambda *args: calls.append(args) or steps(*args))
-    study = StudyBounds(wired(), times)
-    study.add(truth, platforms)
-    # iekf, ekf and ukf are one; three stacks of rows, each with the belief's and the truth's motion
-    assert len(study.wired.estimators) == 5 and len(calls) == 6
-    calls.clear()
     moving = ["truth.motion={_tag: '!RandomAcceleration', acceleration_mps2: 0.1}"]
-    study = StudyBounds(wired(moving), times)
-    study.add(truth, platforms)
-    assert len(calls) == 3
-
-
-def test_a_missing_link_of_a_chain_of_baselines_is_no_missing_row():
-    """The estimators' rows are found by name among all that the sensor reads, the chain's too."""
-    made = wired(["truth.chain_m=[0.04, 0.4]"])
-    block = made.estimators["iekf"]
-    rows = list(made.stream)
-    assert len(rows) == made.sensed.size() == 10 and block.model.size == 6
-    present = np.ones((1, 1, 10), dtype=bool)
-    present[..., rows.index("phase_a_1")] = False
-    assert rows_present(made, block, present).all()
-    present[..., rows.index("fdoa_20")] = False
-    assert rows_present(made, block, present)[0, 0].tolist() == [name != "fdoa_20" for name in block.model.names]
+    # iekf, ekf and ukf are one; three stacks of rows, each with the belief's and the truth's motion
+    for settings, recursions in ((), 6), (moving, 3):
+        study = StudyBounds(wired(settings), times)
+        with counting() as counts:
+            study.add(truth, platforms)
+        assert len(study.wired.estimators) == 5 and counts["bounded"] == recursions
 
 
 @pytest.mark.parametrize("sizes", [(3, 4), (1,) * 7, (6, 1)])

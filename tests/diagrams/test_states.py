@@ -151,16 +151,12 @@ def test_a_start_that_cannot_be_known_is_said_and_the_rest_is_kept():
         run_study(SYSTEM, scenario=Scenario(duration_s=2.0), trials=3)
 
 
-def test_names_that_do_not_fit_the_truth_are_refused(monkeypatch):
-    study = Study(SYSTEM, scenario=Scenario(), trials=1)
+def test_names_that_do_not_fit_the_truth_are_refused():
+    declared = SYSTEM.declare(Scenario())
     for names, said in ((["x", "y"], "4 different names"), (["x", "x", "y", "vy"], "4 different names")):
-
-        def declare(scenario, names=names):
-            return dataclasses.replace(SYSTEM.declare(scenario), truth_states=names)
-
-        monkeypatch.setattr(study, "system", dataclasses.replace(SYSTEM, declare=declare))
+        model = dataclasses.replace(declared, truth_states=names)
         with pytest.raises(UserError, match=rf"truth_states: .*{said}"):
-            study.wire(1)
+            Study(SYSTEM, scenario=Scenario(), trials=1, model=model)
 
 
 def test_an_oscillators_rates_are_no_velocity():
