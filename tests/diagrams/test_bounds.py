@@ -6,7 +6,7 @@ import xarray as xr
 from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.assembly.find import find
-from diagrams.bounds import StudyBounds, add_bounds, bound_curves, rows_present
+from diagrams.bounds import StudyBounds, add_bounds, bound_curves
 from diagrams.catalogue import load_scenario
 from diagrams.posterior_bound import posterior_bound
 from diagrams.three_satellite import satellite_states, target_state
