@@ -170,6 +170,8 @@ def build(model: Model, builder: DiagramBuilder, options: Mapping[str, Any], tri
 
 
 def _estimator(model: Model, bus: Bus, name: str, options: Any) -> Estimator:
+    if bus.builder.HasSubsystemNamed(name):
+        raise UserError(f"estimators: the name {name} is not allowed; another block of the diagram has it")
     assumed: Assumed = model.assume(bus, name, options)
     takes = {"platforms": "known", **assumed.takes}
     carriers = bus.shape(takes["platforms"])

@@ -86,8 +86,10 @@ class Bus:
         Raises
         ------
         ValueError
-            If a signal is not there, or does not have the size of the port.
+            If a signal is not there, or does not have the size of the port, or a block has the name of another.
         """
+        if self.builder.HasSubsystemNamed(block.get_name()):
+            raise ValueError(f"block: the name {block.get_name()} is not allowed; another block of the diagram has it")
         takes, feedback = takes or {}, feedback or {}
         added = self.builder.AddSystem(block)
         for i in range(added.num_input_ports()):

@@ -27,6 +27,8 @@ Layer = Mapping[str, Any] | Path
 """Values of a scenario, laid over those below: as a mapping, or in a YAML file."""
 
 _NAME = re.compile(r"[^\W_][\w+-]{0,59}")  # it names files, folders and the diagram
+_LEAVES = (bool, int, float, str, Any, object, type(None))
+_ALLOWED = "bool, int, float, str, list[...], dict[str, ...], a dataclass, or a union of these"
 _MOST_EPOCHS = 1_000_000  # hours for one trial and one filter
 
 
@@ -82,7 +84,7 @@ class System:
         for where, layer in (("base", self.base), *((f"variants.{k}", v) for k, v in self.variants.items())):
             if not isinstance(layer, Mapping | Path):
                 raise ValueError(f"System {self.name}: {where}: {layer!r} is not allowed; a mapping, or a Path")
-        _resolve(self.scenario)
+        _resolve(self.scenario, "scenario")
 
     # ---- the scenario
 
@@ -209,7 +211,7 @@ class System:
     def diagram(
         self, scenario: Any = None, trials: int = 1, set: Sequence[str] | Mapping[str, Any] | None = None
     ) -> Diagram:
-        """Return the finished diagram, to simulate by hand.
+        """Return the finished diagram, to simulate by hand; `systems.signals.set_draw` gives its context a seed.
 
         To add blocks of your own, call `build` with your own builder: it returns the `Assembly`, on whose ``bus`` every
         signal is.
@@ -244,12 +246,20 @@ def _values(layer: Layer) -> dict[str, Any]:
     return read_yaml(layer) if isinstance(layer, Path) else dict(layer)
 
 
-def _resolve(schema: Any, seen: set[Any] | None = None) -> None:
-    """Turn annotations that are texts, as ``from __future__ import annotations`` makes them, into the types."""
+def _resolve(schema: Any, where: str, seen: set[Any] | None = None) -> None:
+    """Turn annotations that are texts, as ``from __future__ import annotations`` makes them, into the types.
+
+    Raises
+    ------
+    ValueError
+        For an annotation that is none, or a type that no YAML fills.
+    """
     seen = set() if seen is None else seen
     if not (isinstance(schema, type) and dataclasses.is_dataclass(schema)):
+        if typing.get_origin(schema) is None and schema not in _LEAVES:
+            raise ValueError(f"{where}: the type {getattr(schema, '__name__', schema)} is not allowed; {_ALLOWED}")
         for inner in typing.get_args(schema):
-            _resolve(inner, seen)
+            _resolve(inner, where, seen)
         return
     if schema in seen:
         return
@@ -263,7 +273,7 @@ def _resolve(schema: Any, seen: set[Any] | None = None) -> None:
         for one in fields:
             one.type = hints[one.name]
     for one in fields:
-        _resolve(one.type, seen)
+        _resolve(one.type, f"{schema.__qualname__}.{one.name}", seen)
 
 
 def _check_sense(scenario: Any) -> None:
