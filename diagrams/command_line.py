@@ -376,6 +376,7 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         _check_encoding(sys.argv[1:] if arguments is None else arguments)
         status = app(args=arguments, standalone_mode=False, prog_name="quietfix")
+        sys.stdout.flush()
     except UserError as error:
         _fail(str(error), 2)
     except TyperException as error:
@@ -393,6 +394,8 @@ def main(arguments: list[str] | None = None) -> None:
         _fail("the memory is not enough; fewer trials at once (--chunk), a shorter duration_s or fewer particles", 2)
     except BrokenPipeError:
         _leave_the_pipe()
+    except OSError as error:  # what commands write is looked after there: this is the terminal, or a file behind `>`
+        _fail(f"{error.filename or 'the output'} cannot be written ({error.strerror or error})", 2)
     finally:
         warnings.formatwarning = formatwarning
     if status == 130:  # Typer's own handling of Ctrl-C

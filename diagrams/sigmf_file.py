@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import tarfile
 import warnings
 import zipfile
@@ -97,6 +98,7 @@ def read_sigmf(path: Path | str) -> list[IqRecording]:
         archive = _archive(file)
         if archive is not None:
             return _unpacked(archive)
+        _check_metadata(file)
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             recording = sigmf.fromfile(str(file))
@@ -126,6 +128,26 @@ def _check_files(file: Path) -> None:
         most = _LARGEST_META if one.name.endswith(_META) else _LARGEST_ARCHIVE
         if size > most and not one.name.endswith(_DATA):  # data are read where they are needed
             raise Unreadable(one, f"{size} bytes; at most {most} are allowed")
+
+
+def _check_metadata(file: Path) -> None:
+    """Raise a `UserError` that names the field, for metadata of a shape that the package stumbles over."""
+    from sigmf.sigmffile import get_sigmf_filenames
+
+    path = Path(get_sigmf_filenames(file)["meta_fn"])
+    try:
+        metadata = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # the package says what is wrong with it
+        return
+    if not isinstance(metadata, dict) or not isinstance(metadata.get("global", {}), dict):
+        raise UserError(f"FILE: {path}: global is not allowed as it is; an object with core:datatype and others")
+    for part in ("captures", "annotations"):
+        entries = metadata.get(part, [])
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            raise UserError(f"FILE: {path}: {part}: {json.dumps(entries)[:60]} is not allowed; a list of objects")
+    channels = metadata.get("global", {}).get("core:num_channels", 1)
+    if channels != 1:
+        raise UserError(f"FILE: {path}: core:num_channels: {json.dumps(channels)[:60]} is not allowed; 1")
 
 
 def _check_members(archive: Path, sizes: Sequence[int]) -> None:

@@ -192,3 +192,14 @@ def test_a_reader_that_goes_away_is_no_mistake(asked):
         running.stdout.close()
         assert running.stderr.read() == ""
     assert running.returncode == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+@pytest.mark.parametrize("asked", [["list"], ["show", "three_satellite"]])
+def test_an_output_that_is_full_is_one_line(asked):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "diagrams", *asked], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert done.returncode == 2
+    assert done.stderr == "quietfix: the output cannot be written (No space left on device)\n"
