@@ -74,10 +74,10 @@ def test_bearings(tmp_path, cells, said):
 @pytest.mark.parametrize(
     ("about", "said"),
     [
-        ({"general": {"core:num_channels": 0}}, "."),
-        ({"captures": [None]}, "cannot be read as a SigMF recording"),
-        ({"captures": None}, "cannot be read as a SigMF recording"),
-        ({"global": None}, "cannot be read as a SigMF recording"),
+        ({"general": {"core:num_channels": 0}}, "core:num_channels: 0 is not allowed; 1"),
+        ({"captures": [None]}, r"captures: \[null\] is not allowed; a list of objects"),
+        ({"captures": None}, "captures: null is not allowed; a list of objects"),
+        ({"global": None}, "global is not allowed as it is"),
         ({"general": {"core:sample_rate": 10**400}}, "core:sample_rate"),
         ({"general": {"core:sample_rate": 1e-300}}, "core:sample_rate 1e-300 is not allowed; a number >= 0.001"),
         ({"captures": [{"core:sample_start": 0, "core:frequency": 1e300}]}, "core:frequency: 1e.300 is not allowed"),
