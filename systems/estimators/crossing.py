@@ -2,7 +2,7 @@
 
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -78,9 +78,13 @@ class CrossingLocator(BearingLocator):
 
     def locate(self, kept: Memory, sighting: Sighting, mean: Array, covariance: Array) -> tuple[Memory, Array, Array]:
         """See `BearingLocator.locate`."""
+        # in the plane: an elevation, and the platform's height, say nothing here
+        sighting = replace(
+            sighting, angles=sighting.angles[:, :1], variance=sighting.variance[:, :1], place=sighting.place[:, :2]
+        )
         azimuth, variance = sighting.angles[:, 0], sighting.variance[:, 0]
         there = sighting.there
-        place = sighting.place[:, :2]
+        place = sighting.place
         if self.method == "first":
             line = kept["line"]
             before = np.all(np.isfinite(line), axis=-1)

@@ -124,6 +124,21 @@ def test_a_trial_that_is_nan_changes_no_other(name, what):
         assert np.linalg.norm(values["estimate"][-1, 4] - [15e3, 30e3]) < 10e3
 
 
+@pytest.mark.parametrize("name", [name for name in CASES if name.startswith("crossing")])
+def test_a_crossing_makes_nothing_of_elevations(name):
+    """The fix in the plane is that of the azimuths alone; where only an azimuth is missing there is no line."""
+    measurement, platforms = scene(trials=3)
+    measurement[10:13, 1] = np.nan
+    both = Bearing(SIGMA, SIGMA)
+    elevated = np.concatenate([measurement, np.full_like(measurement, -0.2)], axis=-1)
+    start = BearingStart(both, both.names, 3, 40e3, 20e3, 20.0)
+    block = CASES[name].make(name, both, Stationary(3), start, Wiring(3, both.names, Periodic(1.0), 1))
+    values = run(block, elevated, platforms, Periodic(1.0))[1]
+    plane = locate(name, measurement, platforms)
+    # from the twentieth on both have a fix of their own; iv's first instruments are those of the start
+    np.testing.assert_allclose(values["estimate"][20:, :, :2], plane["estimate"][20:], rtol=1e-6)
+
+
 def test_other_measurements_are_refused_in_words():
     for name in BEARINGS_ONLY:
         with pytest.raises(ValueError, match="bearing"):
