@@ -504,8 +504,9 @@ def run_study(
 
     Notes
     -----
-    Drake 1.51 (Python 3.11) never lets go of a block: a process grows by about 2 MB with every call (1.8 MB for the five
-    estimators of `three_satellite`). Thousands of short studies in one process are better run on a later Drake, or as one study of many trials.
+    Drake 1.51 (Python 3.11) never lets go of a block: a process grows by about 2 MB with every call (1.8 MB for the
+    five estimators of `three_satellite`). Thousands of short studies in one process are better run on a later Drake, or
+    as one study of many trials.
     """
     study = Study(
         system,
