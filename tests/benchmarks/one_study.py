@@ -7,27 +7,11 @@ chunk is forgotten before the next one runs, as on the command line, which write
 from __future__ import annotations
 
 import json
-import resource
 import sys
 import time
-from pathlib import Path
 
 from diagrams.study import Study, run_study
-
-
-def peak_megabytes() -> float:
-    """Return the largest resident memory that this process has had [MB = 1e6 bytes].
-
-    Linux carries ``ru_maxrss`` of the parent over into a child, so the kernel's own mark of this process is read
-    where there is one.
-    """
-    status = Path("/proc/self/status")
-    if status.exists():
-        marks = [line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM:")]
-        if marks:
-            return int(marks[0]) * 1024 / 1e6
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+from tests.peak_memory import peak_bytes
 
 
 def main() -> None:
@@ -46,7 +30,7 @@ def main() -> None:
             report["steps"] = part.sizes["time"] - 1
             del part
         report["seconds"] = time.perf_counter() - begun
-    report["megabytes"] = peak_megabytes()
+    report["megabytes"] = peak_bytes() / 1e6
     print(json.dumps(report))
 
 

@@ -19,7 +19,6 @@ from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.body_frame import body_frame
 from systems.measurement.stack import Stack
-from tests.benchmarks import one_study
 from tests.benchmarks.__main__ import main
 from tests.benchmarks.agreement import agreement
 from tests.benchmarks.harness import Peer, Size, race, ratios
@@ -31,6 +30,7 @@ from tests.benchmarks.registry import COMPARISONS
 from tests.benchmarks.report import Section, Threshold, markdown, spread, text
 from tests.benchmarks.single_target import SingleTarget
 from tests.benchmarks.stone_soup_peers import iterated
+from tests.peak_memory import peak_bytes
 
 TINY = Size(tiny=True, rounds=1)
 ROOT = Path(__file__).resolve().parents[2]
@@ -167,7 +167,7 @@ def test_a_number_of_rounds_below_one_is_refused(capsys):
 
 def test_peak_memory_is_that_of_the_process_and_not_of_its_parent():
     ballast = np.ones(50_000_000)  # 400 MB, all of it touched
-    mine = one_study.peak_megabytes()
+    mine = peak_bytes() / 1e6
     assert mine > ballast.nbytes / 1e6
     child = json.loads(subprocess.run(CHILD, capture_output=True, text=True, check=True, cwd=ROOT).stdout)
     assert 20 < child["megabytes"] < mine - 200  # Python, NumPy and Drake take their share

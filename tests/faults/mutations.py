@@ -1,6 +1,7 @@
-"""Inputs that are spoilt at random, each with a seed: run as a script, it judges some of them and prints JSON.
+"""Inputs that are spoilt at random, each with a seed: run as a module, it judges some of them and prints JSON.
 
-``python mutations.py KIND FIRST COUNT FOLDER``: mutations FIRST to FIRST + COUNT - 1 of a KIND of `KINDS`, in FOLDER.
+``python -m tests.faults.mutations KIND FIRST COUNT FOLDER``: mutations FIRST to FIRST + COUNT - 1 of a KIND of `KINDS`,
+in FOLDER.
 A fault is an exception that is no user's mistake, a message of several lines, or ten seconds of processor time.
 """
 
@@ -19,6 +20,8 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+
+from tests.peak_memory import peak_bytes
 
 MOST_SECONDS = 10  # of processor time, so that a busy machine makes no fault
 MOST_BYTES = 3_000_000_000  # of data, where a run ends by force; what is asked for is `MOST_RESIDENT`
@@ -320,8 +323,7 @@ def _main(kind, first, count, folder):
         outcomes[outcome] = outcomes.get(outcome, 0) + 1
         if fault is not None:
             faults[number] = fault
-    resident = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    print(json.dumps({"outcomes": outcomes, "faults": faults, "resident": resident}))
+    print(json.dumps({"outcomes": outcomes, "faults": faults, "resident": peak_bytes()}))
 
 
 if __name__ == "__main__":

@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from systems.plants.sp3 import read_sp3
+from tests.faults import mutations
 
-SCRIPT = Path(__file__).with_name("mutations.py")
+ROOT = Path(__file__).parents[2]
 MOST_RESIDENT = 1_000_000_000  # bytes
 FEW = {"scenario": 16, "requirements": 5, "bearings": 5, "locards": 4, "sigmf": 6, "sp3": 4}
 MANY = {"scenario": 150, "requirements": 40, "bearings": 25, "locards": 15, "sigmf": 30, "sp3": 20, "attributes": 20}
@@ -21,7 +22,8 @@ MANY = {"scenario": 150, "requirements": 40, "bearings": 25, "locards": 15, "sig
 def batch(kind, count, folder):
     """Return what a batch of mutations did."""
     done = subprocess.run(
-        [sys.executable, str(SCRIPT), kind, "0", str(count), str(folder)],
+        [sys.executable, "-m", "tests.faults.mutations", kind, "0", str(count), str(folder)],
+        cwd=ROOT,
         capture_output=True,
         text=True,
         timeout=60 + 60 * count,
@@ -48,11 +50,6 @@ def test_three_hundred_mutations(kind, tmp_path):
 
 
 def test_what_is_spoilt_is_good_before(tmp_path, monkeypatch, capsys):
-    sys.path.insert(0, str(SCRIPT.parent))
-    try:
-        import mutations
-    finally:
-        sys.path.remove(str(SCRIPT.parent))
     monkeypatch.setattr(mutations, "spoil", lambda data, rng: data)
     monkeypatch.setattr(mutations, "spoil_bytes", lambda content, rng: content)
     monkeypatch.setattr(mutations, "spoil_table", lambda text, rng: text)
