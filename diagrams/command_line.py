@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 import warnings
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -92,6 +93,20 @@ def list_(
         return
     say(f"registered estimators: {', '.join(ESTIMATORS)}")
     say(f"recorded data for `quietfix replay`: {', '.join(REPLAYS)}")
+
+
+@app.command()
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="What it is called; letters, digits, _ and -.")],
+    template: Annotated[
+        str | None, typer.Option(metavar="NAME", help="drone, ship or beacon.  [default: drone]", show_default=False)
+    ] = None,
+    python: Annotated[bool, typer.Option("--python", help="Write a Python module, NAME.py, instead.")] = False,
+) -> None:
+    """Write a system of your own to start from, NAME.yaml, and its requirements, NAME.requirements.yaml."""
+    from diagrams.new import new_command
+
+    new_command(name, template, python)
 
 
 @app.command()
@@ -289,6 +304,14 @@ def sweep(
     sweep_command(system, vary, options | {"scenario": scenario}, out, overwrite)
 
 
+def _setting_lines(line: str, width: int) -> list[str]:
+    """Return a field and its comment as lines of help, the comment below the field where both are too wide."""
+    field, mark, comment = line.partition("  # ")
+    if not mark or len(line) + 2 <= width:
+        return [f"  {line}"]
+    return [f"  {field}", *textwrap.wrap(comment, width, initial_indent="      # ", subsequent_indent="      # ")]
+
+
 class _ReplayHelp(TyperCommand):
     """Help that ends with the settings of the recording that stands beside ``--help``."""
 
@@ -303,8 +326,9 @@ class _ReplayHelp(TyperCommand):
 
         super().format_epilog(ctx, formatter)
         for dataset in [word for word in ctx.meta.get(_WORDS, ()) if word in REPLAYS][:1]:
-            formatter.write(f"\nSettings of {dataset}, for --set KEY=VALUE (here as they are by default):\n")
-            formatter.write("".join(f"  {line}\n" for line in replay_settings(dataset).splitlines()))
+            formatter.write(f"\nSettings of {dataset} and their defaults, for --set:\n")
+            for line in replay_settings(dataset).splitlines():
+                formatter.write("".join(f"{part}\n" for part in _setting_lines(line, formatter.width)))
 
 
 @app.command(cls=_ReplayHelp)

@@ -21,14 +21,14 @@ from diagrams.marker import MAKING, MARKER, REPLACED, RESERVE, Busy, Mark, clear
 from diagrams.marker import strangers as find_strangers
 from diagrams.store import append, cut
 
-__all__ = ["OutputFolder", "written_beside"]
+__all__ = ["OutputFolder", "undisturbed", "written_beside"]
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 _RESERVED = 256 << 10  # bytes
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
+def undisturbed() -> Iterator[None]:
     """Hold Ctrl-C back until a write is finished, so that nothing on disk is half-written."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -90,7 +90,7 @@ class OutputFolder:
             self.partial = self.final.with_name(self.final.name + ".partial")
             if reads is not None and _within(Path(reads), self.partial):
                 raise UserError(f"--from: {reads} is where --out {self.final} works; choose another folder")
-            with _undisturbed():
+            with undisturbed():
                 self._begin()
         except OSError as error:
             self._release()
@@ -218,7 +218,7 @@ class OutputFolder:
 
     def append(self, chunk: xr.Dataset, along: str = "trial") -> None:
         """Write one chunk of trials, or of what `along` names; one that cannot be written leaves no trace."""
-        with _undisturbed():
+        with undisturbed():
             try:
                 append(self.store, chunk, along, self.chunks == 0)
             except OSError:
@@ -240,7 +240,7 @@ class OutputFolder:
         UserError
             If something of that name has appeared, or changed, since the beginning; the result stays in ``partial``.
         """
-        with _undisturbed():
+        with undisturbed():
             self._settle(finished=True)
             self._finished = True
             try:
@@ -287,7 +287,7 @@ class OutputFolder:
         """Keep finished chunks, remove what holds none; a full disk is one line."""
         try:
             if kind is not None and not self._finished:
-                with _undisturbed():
+                with undisturbed():
                     self._end_early()
         finally:
             self._release()
@@ -359,7 +359,7 @@ def written_beside(path: Path) -> Iterator[Path]:
         os.close(descriptor)
         try:
             yield beside
-            with _undisturbed():
+            with undisturbed():
                 if path.exists():
                     beside.chmod(stat.S_IMODE(path.stat().st_mode))
                 beside.replace(path)
