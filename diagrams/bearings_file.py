@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.errors import UserError
+from systems.angle_wrapping import wrap
 from systems.files import Unreadable, read_text
 from systems.measurement.bearing import from_compass
 
@@ -114,7 +115,7 @@ def read_bearings(path: Path | str) -> Bearings:
     if places == _GEODETIC:
         origin = math.radians(first.mean()), math.radians(second.mean())
         north, east = _scales(origin[0])
-        turned = (np.radians(second) - origin[1] + np.pi) % (2 * np.pi) - np.pi
+        turned = wrap(np.radians(second) - origin[1])
         first, second = turned * east, (np.radians(first) - origin[0]) * north
     place = np.stack([first, second], axis=-1)
     if np.ptp(place, axis=0).max() == 0:

@@ -17,12 +17,12 @@ from systems.ambiguity.estimate import CrossAmbiguity
 from systems.ambiguity.prefilter import Everything, Matched, Prefilter
 from systems.ambiguity.variance import exact
 from systems.clocks import Periodic
+from systems.constants import SPEED_OF_LIGHT
 from systems.documented import choice, count, documented, number
 from systems.frames import inertial_to_earth_fixed
 from systems.iq import modulation, pulse_train
 from systems.iq.bussgang import Quantiser
 from systems.iq.waveform import Waveform
-from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.direction import BodyDirection
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.tdoa import Tdoa

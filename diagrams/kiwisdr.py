@@ -24,6 +24,7 @@ from diagrams.iq_pairs import PairResult, add_pairs, pair_result, simulate
 from diagrams.kiwisdr_settings import Settings
 from diagrams.replay import Dataset
 from diagrams.tables import Column, Table
+from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.base import Wiring
 from systems.estimators.iekf import Iekf
 from systems.estimators.snapshot_start import SnapshotStart
@@ -32,7 +33,6 @@ from systems.fixes.snapshot import snapshot_fix, starts_around
 from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 from systems.iq.kiwi import GpsRecording, common_base, read_kiwi
 from systems.measurement.altitude import Altitude
-from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.constant_velocity import WhiteNoiseAcceleration

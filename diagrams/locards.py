@@ -26,11 +26,11 @@ from diagrams.locards_sigma import LEAST_MESSAGES, residual_sigma
 from diagrams.progress import Progress
 from diagrams.replay import Dataset
 from diagrams.tables import Column, Table
+from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.arrival_gate import REFUSED, ArrivalGate
 from systems.estimators.base import Estimator, Wiring
 from systems.estimators.snapshot_start import SnapshotStart
 from systems.measurement.altitude import Altitude
-from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.refractivity import mean_refractivity
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa

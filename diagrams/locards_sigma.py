@@ -20,9 +20,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import chi2
 
+from systems.constants import SPEED_OF_LIGHT
 from systems.fixes.snapshot import snapshot_fix, starts_around
 from systems.measurement.altitude import Altitude
-from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.sensors.recorded import Recording

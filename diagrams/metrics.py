@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
 from diagrams.states import POSITION, VELOCITY
+from systems.angle_wrapping import wrap
 from systems.frames import course_speed, ecef_to_geodetic
-from systems.measurement.phase import wrap
 
 __all__ = [
     "BOUNDS",

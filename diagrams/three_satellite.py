@@ -38,6 +38,7 @@ from diagrams.parts.resolving import PhaseResolution
 from diagrams.parts.sensing import TargetSensor
 from diagrams.sensor_errors import SensorErrors
 from systems.clocks import Periodic
+from systems.constants import SPEED_OF_LIGHT
 from systems.documented import choice, documented, number
 from systems.estimators.known_height_start import KnownHeightStart
 from systems.estimators.options import EstimatorOptions
@@ -45,7 +46,7 @@ from systems.estimators.phase_resolver import PhaseResolver
 from systems.fixes.known_height import Method, has_closed_form
 from systems.frames import inertial_to_earth_fixed
 from systems.measurement.altitude import Altitude
-from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
+from systems.measurement.base import MeasurementModel
 from systems.measurement.body_frame import body_frame
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.phase import Axis, InterferometerPhase

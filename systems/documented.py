@@ -5,6 +5,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from systems.constants import SPEED_OF_LIGHT
+
 __all__ = ["Allowed", "choice", "count", "documented", "number", "refusal", "text"]
 
 _LARGEST = {
@@ -15,8 +17,8 @@ _LARGEST = {
     "m": 1e12,
     "km": 1e9,
     "m2": 1e6,
-    "mps": 299792458.0,
-    "kmps": 299792.458,
+    "mps": SPEED_OF_LIGHT,
+    "kmps": SPEED_OF_LIGHT / 1e3,
     "kmph": 1e9,
     "degps": 1e6,
     "mps2": 1e6,

@@ -11,10 +11,9 @@ import numpy as np
 import pymap3d
 from numpy.typing import ArrayLike, NDArray
 
+from systems.constants import EARTH_RATE, WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED, WGS84_FLATTENING
+
 __all__ = [
-    "EARTH_RATE",
-    "WGS84_AXIS",
-    "WGS84_ECCENTRICITY_SQUARED",
     "acceleration_to_earth_fixed",
     "acceleration_to_inertial",
     "course_speed",
@@ -32,17 +31,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
-EARTH_RATE = 7.292115e-5
-"""Rotation rate of the Earth [rad/s] (WGS-84)."""
-
-WGS84_AXIS = 6378137.0
-"""Semi-major axis of the WGS-84 ellipsoid [m]."""
-
-_FLATTENING = 1 / 298.257223563
-WGS84_ECCENTRICITY_SQUARED = _FLATTENING * (2 - _FLATTENING)
-"""First eccentricity squared of the WGS-84 ellipsoid."""
-
 
 # ------------------------------------------------------------------------------------------------- geodetic
 
@@ -95,8 +83,8 @@ def ecef_to_geodetic(position: ArrayLike) -> tuple[Array, Array, Array]:
 
 def _bowring(rho: Array, z: Array, latitude: Array) -> tuple[Array, Array]:
     a, e2 = WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED
-    b = a * (1 - _FLATTENING)
-    reduced = np.arctan2((1 - _FLATTENING) * np.sin(latitude), np.cos(latitude))
+    b = a * (1 - WGS84_FLATTENING)
+    reduced = np.arctan2((1 - WGS84_FLATTENING) * np.sin(latitude), np.cos(latitude))
     lat = np.arctan2(z + e2 / (1 - e2) * b * np.sin(reduced) ** 3, rho - e2 * a * np.cos(reduced) ** 3)
     sine = np.sin(lat)
     return lat, rho * np.cos(lat) + z * sine - a * np.sqrt(1 - e2 * sine**2)
@@ -125,16 +113,16 @@ def vertical(position: ArrayLike) -> tuple[Array, Array]:
     """
     p = np.asarray(position, dtype=float)
     a, e2 = WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED
-    b = a * (1 - _FLATTENING)
+    b = a * (1 - WGS84_FLATTENING)
     x, y, z = p[..., 0], p[..., 1], p[..., 2]
     rho = np.sqrt(x * x + y * y)
-    cosine, sine = (1 - _FLATTENING) * rho, z
+    cosine, sine = (1 - WGS84_FLATTENING) * rho, z
     for _ in range(2):
         size = np.sqrt(cosine * cosine + sine * sine)
         cosine, sine = cosine / size, sine / size
         level = rho - (e2 * a) * (cosine * cosine * cosine)
         axial = z + (e2 / (1 - e2) * b) * (sine * sine * sine)
-        cosine, sine = level, (1 - _FLATTENING) * axial
+        cosine, sine = level, (1 - WGS84_FLATTENING) * axial
     size = np.sqrt(level * level + axial * axial)
     cosine, sine = level / size, axial / size
     normal = np.empty(p.shape)

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from diagrams.figures.style import grid, new_figure
+from systems.constants import SPEED_OF_LIGHT
 from systems.frames import ecef_to_geodetic
-from systems.measurement.base import SPEED_OF_LIGHT
 
 if TYPE_CHECKING:
     from diagrams.kiwisdr import KiwiReplay

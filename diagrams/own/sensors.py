@@ -8,9 +8,10 @@ from typing import Any, cast
 from diagrams.errors import UserError
 from diagrams.own.custom import Custom
 from diagrams.own.places import Places, Timed
+from systems.constants import SPEED_OF_LIGHT
 from systems.documented import documented, number, text
 from systems.measurement.altitude import Altitude as AltitudeModel
-from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
+from systems.measurement.base import MeasurementModel
 from systems.measurement.bearing import Bearing as BearingModel
 from systems.measurement.component import Component
 from systems.measurement.distance import Range as RangeModel

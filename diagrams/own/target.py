@@ -15,7 +15,7 @@ from diagrams.own.paths import Path
 from diagrams.own.schema import ConstantVelocity, Orbital, Oscillator, OwnScenario
 from diagrams.parts.movers import ModelTarget
 from systems.clocks import Clock
-from systems.measurement.base import SPEED_OF_LIGHT
+from systems.constants import SPEED_OF_LIGHT
 from systems.motion import constant_velocity
 from systems.motion.base import MotionModel
 from systems.motion.orbital import OrbitalMotion

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.angle_wrapping import wrap
 from systems.documented import choice, number
 from systems.estimators.base import Epoch, Innovation, Memory, Wiring
 from systems.estimators.kalman import KalmanEstimator
@@ -15,7 +16,6 @@ from systems.estimators.start import Start
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.base import positive
 from systems.measurement.direct_azimuth import DirectAzimuth
-from systems.measurement.phase import wrap
 from systems.motion.azimuth_rate import AzimuthRate
 
 __all__ = ["AzimuthFilter", "AzimuthFilterOptions", "AzimuthStart"]

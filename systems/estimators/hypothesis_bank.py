@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.angle_wrapping import wrap
 from systems.estimators.base import Epoch, Estimator, Innovation, Memory, Wiring
 from systems.estimators.hypotheses_start import HypothesesStart
 from systems.estimators.start import Start
@@ -17,7 +18,7 @@ from systems.filters.linear_algebra import symmetric
 from systems.filters.square_root import Posterior
 from systems.filters.whitening import Whitener, missing_rows
 from systems.measurement.base import MeasurementModel
-from systems.measurement.phase import InterferometerPhase, wrap
+from systems.measurement.phase import InterferometerPhase
 from systems.measurement.stack import Stack
 from systems.motion.base import MotionModel
 

@@ -12,9 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.constants import SPEED_OF_LIGHT
 from systems.filters.linear_algebra import solve
 from systems.frames import ecef_to_geodetic, up
-from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
+from systems.measurement.base import MeasurementModel
 
 __all__ = ["delay_curve"]
 

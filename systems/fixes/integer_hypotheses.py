@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.angle_wrapping import wrap
+from systems.constants import SPEED_OF_LIGHT
 from systems.filters.linear_algebra import inverses, solve
 from systems.filters.whitening import Whitener
 from systems.fixes.delay_curve import delay_curve
 from systems.frames import ecef_to_geodetic
 from systems.measurement.altitude import Altitude
-from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
-from systems.measurement.phase import wrap
+from systems.measurement.base import MeasurementModel
 from systems.measurement.stack import Stack
 
 __all__ = ["IntegerHypotheses", "integer_covariance", "integer_hypotheses", "integer_slope"]

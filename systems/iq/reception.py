@@ -8,9 +8,9 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from systems.frames import EARTH_RATE, acceleration_to_inertial, earth_fixed_to_inertial
+from systems.constants import EARTH_RATE, SPEED_OF_LIGHT
+from systems.frames import acceleration_to_inertial, earth_fixed_to_inertial
 from systems.iq.waveform import Emission
-from systems.measurement.base import SPEED_OF_LIGHT
 
 __all__ = ["Delay", "Trajectory", "delay_over", "propagation_delay", "receive", "straight", "with_acceleration"]
 

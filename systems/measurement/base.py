@@ -8,12 +8,9 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SPEED_OF_LIGHT", "MeasurementModel", "differenced_covariance", "positive"]
+__all__ = ["MeasurementModel", "differenced_covariance", "positive"]
 
 Array = NDArray[np.float64]
-
-SPEED_OF_LIGHT = 299_792_458.0
-"""Speed of light in vacuum [m/s]."""
 
 
 class MeasurementModel(ABC):

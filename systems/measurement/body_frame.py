@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.constants import EARTH_RATE
 from systems.frames import nadir_frame_earth_fixed
-from systems.measurement.light_time import EARTH_RATE
 
 __all__ = ["body_frame"]
 

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.constants import EARTH_RATE
 from systems.measurement.base import differenced_covariance
 from systems.measurement.geometry import LineOfSight
-from systems.measurement.light_time import EARTH_RATE, Arrival, arrival
+from systems.measurement.light_time import Arrival, arrival
 from systems.measurement.sighted import SightedModel
 from systems.motion.gravity import GravityConstants
 

@@ -7,11 +7,11 @@ from abc import abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.angle_wrapping import wrap
+from systems.constants import EARTH_RATE
 from systems.measurement.base import positive
 from systems.measurement.body_frame import body_frame
 from systems.measurement.geometry import LineOfSight
-from systems.measurement.light_time import EARTH_RATE
-from systems.measurement.phase import wrap
 from systems.measurement.sighted import SightedModel
 
 __all__ = ["BodyDirection", "Direction", "DirectionCosines"]

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.measurement.base import SPEED_OF_LIGHT, positive
+from systems.constants import EARTH_RATE, SPEED_OF_LIGHT
+from systems.measurement.base import positive
 from systems.measurement.differenced import Differenced
 from systems.measurement.geometry import LineOfSight
-from systems.measurement.light_time import EARTH_RATE, Arrival
+from systems.measurement.light_time import Arrival
 from systems.motion.gravity import GravityConstants
 
 __all__ = ["Fdoa"]

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.measurement.base import SPEED_OF_LIGHT, positive
+from systems.constants import SPEED_OF_LIGHT
+from systems.measurement.base import positive
 from systems.measurement.range_rate import RangeRate
 
 __all__ = ["Frequency"]

@@ -8,15 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.measurement.base import SPEED_OF_LIGHT
+from systems.constants import EARTH_RATE, SPEED_OF_LIGHT
 from systems.motion.gravity import GravityConstants, acceleration
 
-__all__ = ["EARTH_RATE", "Arrival", "arrival", "in_orbit"]
+__all__ = ["Arrival", "arrival", "in_orbit"]
 
 Array = NDArray[np.float64]
-
-EARTH_RATE = 7.292115e-5
-"""Rotation rate of the Earth [rad/s]."""
 
 
 @dataclass(frozen=True)

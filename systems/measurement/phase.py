@@ -8,22 +8,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.angle_wrapping import wrap
+from systems.constants import EARTH_RATE
 from systems.measurement.base import positive
 from systems.measurement.body_frame import body_frame
 from systems.measurement.geometry import LineOfSight
-from systems.measurement.light_time import EARTH_RATE
 from systems.measurement.sighted import SightedModel
 
-__all__ = ["InterferometerPhase", "phase_angle", "wrap"]
+__all__ = ["InterferometerPhase", "phase_angle"]
 
 Array = NDArray[np.float64]
 
 Axis = Literal["a", "b"]
-
-
-def wrap(angle: Array) -> Array:
-    """Wrap angles [rad] into [-pi, pi)."""
-    return (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi
 
 
 def phase_angle(phase: Array, baseline: float, wavelength: float) -> Array:

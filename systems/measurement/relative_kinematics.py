@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.angle_wrapping import wrap
 from systems.measurement.base import MeasurementModel, positive
-from systems.measurement.phase import wrap
 from systems.motion.gravity import GravityConstants, acceleration, gradient
 
 __all__ = ["ROWS", "RelativeKinematics", "SightAxes", "sight_axes"]

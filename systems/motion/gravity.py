@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.frames import EARTH_RATE, WGS84_ECCENTRICITY_SQUARED
+from systems.constants import EARTH_MU, EARTH_RATE, WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED
 
 __all__ = ["GravityConstants", "above_surface", "acceleration", "energy", "gradient", "gradient_rate"]
 
@@ -40,8 +40,8 @@ class GravityConstants:
         If a value is not finite or not allowed.
     """
 
-    mu: float = 3.986004418e14
-    radius: float = 6378137.0
+    mu: float = EARTH_MU
+    radius: float = WGS84_AXIS
     j2: float = 1.0826261e-3
     earth_rate: float = EARTH_RATE
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from systems.constants import WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED
 from systems.frames import (
-    WGS84_AXIS,
-    WGS84_ECCENTRICITY_SQUARED,
     course_speed,
     ecef_to_geodetic,
     enu_rotation,

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
+from systems.constants import EARTH_MU, EARTH_RATE
+
 __all__ = ["LaunchSite", "RocketModel", "Stage"]
 
 Array = NDArray[np.float64]
@@ -35,7 +37,7 @@ class LaunchSite:
     longitude: float
     azimuth: float
     radius: float = 6371e3
-    earth_rate: float = 7.292115e-5
+    earth_rate: float = EARTH_RATE
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -174,7 +176,7 @@ class RocketModel:
     reference_area: float = 8.8
     ramp: float = 0.2
     separation: float = 1.0
-    mu: float = 3.986004418e14
+    mu: float = EARTH_MU
     sea_level_density: float = 1.225
     density_scale: float = 7200.0
     sea_level_pressure: float = 101325.0

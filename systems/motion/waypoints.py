@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from systems.angle_wrapping import wrap
+
 __all__ = ["WaypointPath"]
 
 Array = NDArray[np.float64]
@@ -49,7 +51,7 @@ class WaypointPath:
             at = int(np.argmax(lengths == 0))
             raise ValueError(f"waypoints: {at} and {at + 1} are equal")
         courses = np.arctan2(legs[:, 1], legs[:, 0])
-        turns = (np.diff(courses) + np.pi) % (2 * np.pi) - np.pi
+        turns = wrap(np.diff(courses))
         radius = speed / turn_rate
         with np.errstate(over="ignore"):
             cut = np.concatenate([[0.0], radius * np.abs(np.tan(turns / 2)), [0.0]])

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, ContinuousState
 from scipy.integrate import OdeSolution
 
-from systems.frames import WGS84_ECCENTRICITY_SQUARED, inertial_to_earth_fixed
+from systems.constants import WGS84_ECCENTRICITY_SQUARED
+from systems.frames import inertial_to_earth_fixed
 from systems.motion.gravity import GravityConstants, above_surface, acceleration
 from systems.plants.solving import solve
 from systems.signals import EnsembleBlock

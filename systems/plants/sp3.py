@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.constants import EARTH_RATE
 from systems.files import read_text
-from systems.frames import EARTH_RATE, earth_fixed_to_inertial, inertial_to_earth_fixed
+from systems.frames import earth_fixed_to_inertial, inertial_to_earth_fixed
 from systems.motion.polynomial import ORBIT_ORDER, polynomial_states
 from systems.plants.recorded import hermite
 from systems.plants.sp3_records import Records, elapsed, read_records

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
 from systems.clocks import Clock
-from systems.frames import EARTH_RATE
+from systems.constants import EARTH_RATE
 from systems.iq.block import IqBlock
 from systems.iq.reception import delay_over, receive, straight, with_acceleration
 from systems.iq.waveform import Emission, positive_number

@@ -8,7 +8,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 
-from systems.measurement.base import SPEED_OF_LIGHT
+from systems.constants import SPEED_OF_LIGHT
 from systems.measurement.stack import Stack
 from tests.benchmarks.own_peers import History
 from tests.benchmarks.recorded_pass import PERIOD, RecordedPass

@@ -26,8 +26,8 @@ from diagrams.assembly.build import Assembly
 from diagrams.assembly.find import find
 from diagrams.catalogue import load_scenario
 from systems.clocks import Periodic
+from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.base import Epoch, Estimator
-from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.body_frame import body_frame
 from systems.measurement.direction import Direction
 from systems.measurement.fdoa import Fdoa

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.measurement.base import SPEED_OF_LIGHT
+from systems.constants import SPEED_OF_LIGHT
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.phase import InterferometerPhase
 from systems.measurement.stack import Stack

@@ -15,8 +15,8 @@ pytest.importorskip("filterpy", reason="the bench extra is not installed")
 from stonesoup.types.array import StateVectors
 from stonesoup.types.state import ParticleState
 
+from systems.constants import SPEED_OF_LIGHT
 from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.body_frame import body_frame
 from systems.measurement.stack import Stack
 from tests.benchmarks.__main__ import main

@@ -10,7 +10,8 @@ from diagrams.doptrack_data import read_passes, teme_to_earth_fixed
 from diagrams.doptrack_settings import Selection
 from diagrams.errors import UserError
 from diagrams.replay import data_folder, replay
-from systems.frames import EARTH_RATE, ecef_to_geodetic
+from systems.constants import EARTH_RATE
+from systems.frames import ecef_to_geodetic
 from tests.fitting import check_fits
 
 BAD = "202004011959"

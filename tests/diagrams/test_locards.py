@@ -16,9 +16,9 @@ from diagrams.locards_scores import METHODS, Scores, headings
 from diagrams.locards_sigma import residual_sigma
 from diagrams.marker import MARKER
 from diagrams.replay import REPLAYS, data_folder, replay
+from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.arrival_gate import KEPT
 from systems.frames import ecef_to_geodetic, geodetic_state, geodetic_to_ecef
-from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.refractivity import mean_refractivity
 from systems.registry import locate
 from systems.sensors.recorded import Recording

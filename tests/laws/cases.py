@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.custom import Custom
 from systems.estimators.iekf import Iekf
 from systems.estimators.ukf import Ukf
@@ -20,7 +21,6 @@ from systems.filters.robust import StudentRows
 from systems.filters.unscented import UnscentedKalman
 from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed
 from systems.measurement.altitude import Altitude
-from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.bearing import Bearing
 from systems.measurement.component import Component
 from systems.measurement.custom import CustomMeasurement

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from systems.angle_wrapping import wrap
 from systems.clocks import Periodic, Times
 from systems.estimators.azimuth_filter import AzimuthFilter
 from systems.estimators.base import Wiring
@@ -13,7 +14,6 @@ from systems.estimators.crossing import Crossing
 from systems.estimators.ml import Ml
 from systems.estimators.range_bank import RangeBank
 from systems.measurement.bearing import Bearing
-from systems.measurement.phase import wrap
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.motion.stationary import Stationary
 from systems.registry import ESTIMATORS

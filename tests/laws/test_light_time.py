@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from systems.frames import EARTH_RATE
-from systems.measurement.base import SPEED_OF_LIGHT
+from systems.constants import EARTH_RATE, SPEED_OF_LIGHT
 from systems.measurement.light_time import arrival, in_orbit
 from systems.motion.gravity import GravityConstants
 from tests.laws.cases import CARRIER, EARTH_FIXED, PASS, fdoa, place, satellites, tdoa

@@ -26,7 +26,8 @@ from diagrams.own.paths import ALLOWED, path_of
 from diagrams.own.records import Setting, old_elements
 from diagrams.own.system import own_system
 from diagrams.scenario import load, read_yaml
-from systems.frames import EARTH_RATE, ecef_to_geodetic
+from systems.constants import EARTH_RATE
+from systems.frames import ecef_to_geodetic
 from systems.motion.gravity import GravityConstants
 from systems.plants.sp3 import read_sp3
 from systems.plants.sp3_records import in_utc

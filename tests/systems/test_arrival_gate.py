@@ -5,6 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.arrival_gate import KEPT, REFUSED, ArrivalGate, without_receivers
 from systems.estimators.base import Wiring
 from systems.estimators.iekf import Iekf
@@ -12,7 +13,6 @@ from systems.estimators.snapshot_start import SnapshotStart
 from systems.fixes.snapshot import snapshot_fix, starts_around
 from systems.frames import geodetic_state
 from systems.measurement.altitude import Altitude
-from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.constant_velocity import WhiteNoiseAcceleration

@@ -11,7 +11,9 @@ from diagrams.assembly.lineup import select_estimators
 from diagrams.catalogue import load_scenario
 from diagrams.posterior_bound import posterior_bound
 from diagrams.three_satellite import models
+from systems.angle_wrapping import wrap
 from systems.clocks import Periodic
+from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.base import Epoch, Wiring
 from systems.estimators.hypotheses_start import HypothesesStart
 from systems.estimators.iekf_hypotheses import IekfHypotheses
@@ -27,9 +29,9 @@ from systems.frames import (
     ecef_to_geodetic,
     geodetic_state,
 )
-from systems.measurement.base import SPEED_OF_LIGHT, MeasurementModel
+from systems.measurement.base import MeasurementModel
 from systems.measurement.fdoa import Fdoa
-from systems.measurement.phase import InterferometerPhase, wrap
+from systems.measurement.phase import InterferometerPhase
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.constant_velocity import ConstantVelocity

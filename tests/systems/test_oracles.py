@@ -5,10 +5,10 @@ import datetime
 import numpy as np
 import pytest
 
+from systems.constants import SPEED_OF_LIGHT
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.unscented import UnscentedKalman
 from systems.filters.whitening import Whitener
-from systems.measurement.base import SPEED_OF_LIGHT
 from systems.motion.constant_velocity import WhiteNoiseAcceleration
 from tests.laws.cases import PLACES
 from tests.laws.rig import Linear, Scene

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from systems.frames import EARTH_RATE
-from systems.measurement.phase import InterferometerPhase, phase_angle, wrap
+from systems.angle_wrapping import wrap
+from systems.constants import EARTH_RATE
+from systems.measurement.phase import InterferometerPhase, phase_angle
 from tests.laws.cases import PASS, WAVELENGTH, phase, place, satellites
 
 CYCLES = 3.0 / WAVELENGTH

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from systems.angle_wrapping import wrap
 from systems.estimators.phase_resolver import PhaseResolver, chain_probability, resolve
-from systems.measurement.phase import InterferometerPhase, wrap
+from systems.measurement.phase import InterferometerPhase
 from systems.measurement.stack import Stack
 from tests.laws.cases import PASS, PLACES, WAVELENGTH, fdoa, phase, place, satellites, tdoa
 from tests.laws.packaged import Packaged

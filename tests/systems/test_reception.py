@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from systems.constants import SPEED_OF_LIGHT
 from systems.frames import earth_fixed_to_inertial
 from systems.iq.modulation import Qpsk
 from systems.iq.reception import Trajectory, delay_over, propagation_delay, receive, straight, with_acceleration
 from systems.iq.waveform import Emission
-from systems.measurement.base import SPEED_OF_LIGHT
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.tdoa import Tdoa
 from systems.motion.gravity import acceleration

@@ -6,11 +6,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
+from systems.angle_wrapping import wrap
 from systems.clocks import Periodic
 from systems.frames import nadir_frame_earth_fixed
 from systems.measurement.bearing import Bearing
 from systems.measurement.misalignment import rotation_matrix, seen_from_turned_axes
-from systems.measurement.phase import InterferometerPhase, wrap
+from systems.measurement.phase import InterferometerPhase
 from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
 from systems.sensors.attitude_error import AttitudeError
 from systems.sensors.reading_error import ReadingError
