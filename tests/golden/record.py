@@ -6,6 +6,7 @@ import platform
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 
 from diagrams.study import Study, join
 from tests.golden.cases import CASES
@@ -16,7 +17,7 @@ FILE = Path(__file__).with_name("golden.json")
 TRIALS, SEED = 4, 11
 
 _ATTRIBUTES = ("system", "variant", "seed", "first_trial", "trials", "keep", "every", "frame", "note", "divergence_m")
-_ATTRIBUTES += ("convergence_m", "looks_ahead")
+_ATTRIBUTES += ("convergence_m",)
 
 
 def machine() -> str:
@@ -54,17 +55,38 @@ def fingerprint(title: str) -> dict:
         case.system, set=case.settings, estimators=case.estimators, trials=TRIALS, seed=SEED, keep="all", chunk=TRIALS
     )
     result = join(list(study.chunks()))
+    arrays = {str(name): result[name] for name in sorted(result.data_vars, key=str)}
+    arrays["innovation"] = _to_the_left(result)
     names = {key: [str(v) for v in result[key].values] for key in ("estimator", "state", "state_units", "row")}
     return {
         "arrays": {
-            str(name): {"dims": list(map(str, result[name].dims))} | _array(result[name].values)
-            for name in sorted(result.data_vars, key=str)
+            name: {"dims": list(map(str, values.dims))} | _array(values.values) for name, values in arrays.items()
         },
         "time_s": [float(t) for t in result["time"].values],
         "names": names,
-        "attributes": {key: _plain(result.attrs[key]) for key in _ATTRIBUTES if key in result.attrs},
+        "attributes": _attributes(result),
         "blocks": sorted(block.get_name() for block in study.diagram(TRIALS)[0].GetSystems()),
     }
+
+
+def _to_the_left(result: xr.Dataset) -> xr.DataArray:
+    """Return the innovations with each estimator's own rows first, as they were recorded before rows had names."""
+    if "in_innovation" not in result.coords:
+        return result["innovation"]
+    has = result["in_innovation"].values
+    packed = np.full((*result["innovation"].shape[:-1], has.sum(axis=-1).max()), np.nan)
+    for i, own in enumerate(has):
+        packed[i][..., : own.sum()] = result["innovation"].values[i][..., own]
+    return xr.DataArray(packed, dims=result["innovation"].dims)
+
+
+def _attributes(result: xr.Dataset) -> dict:
+    """Return the attributes that say what was run; who looks ahead as the text that it was when it was recorded."""
+    found = {key: _plain(result.attrs[key]) for key in _ATTRIBUTES if key in result.attrs}
+    if "causal" not in result.coords:
+        return found | {key: result.attrs[key] for key in ("looks_ahead",) if key in result.attrs}
+    ahead = [str(name) for name in result["estimator"].values[~result["causal"].values]]
+    return found | ({"looks_ahead": ",".join(ahead)} if ahead else {})
 
 
 def _plain(value: object) -> object:
