@@ -30,6 +30,7 @@ from diagrams.launch import (
     Track,
     launch_site,
     rocket_model,
+    station_names,
     station_positions,
     vehicle_block,
 )
@@ -254,15 +255,16 @@ def _oscillator(scenario: Scenario, clock: Periodic, trials: int) -> EnsembleBlo
     return OscillatorBias(law, clock, trials)
 
 
-def _mode_block(scenario: Scenario, stations: int) -> ModeSchedule:
-    mode = scenario.mode
+def _mode_block(scenario: Scenario) -> ModeSchedule:
+    mode, names = scenario.mode, station_names(scenario)
+    stations = len(names)
     for name, asked in (("late_stations", mode.late_stations), ("uplink_station", [mode.uplink_station])):
         outside = [i for i in asked if not 0 <= i < stations]
         if outside:
             raise UserError(f"mode.{name}: {outside[0]} is not allowed; a station, 0 to {stations - 1}")
     delays = np.zeros(stations)
     delays[mode.late_stations] = mode.late_samples * scenario.period_s
-    return ModeSchedule([(w.begin_s, w.end_s) for w in mode.transponder], delays)
+    return ModeSchedule([(w.begin_s, w.end_s) for w in mode.transponder], delays, names)
 
 
 def _believed_motion(scenario: Scenario, limits: tuple[Array, Array], biased: bool = True) -> CurrentStatistical:
@@ -338,7 +340,7 @@ class _Flight:
         still = np.concatenate([self.positions, np.zeros_like(self.positions)], axis=1)
         bus.add(Constant("sites", still.ravel()), gives={"platforms": "state"})
         bus.add(_oscillator(scenario, self.clock, bus.trials), gives={"bias": "state"})
-        bus.add(_mode_block(scenario, count_), gives={"mode": "mode"})
+        bus.add(_mode_block(scenario), gives={"mode": "mode"})
         stations = BeaconStations(
             self.sensor,
             self.clock,
@@ -406,6 +408,7 @@ def declare(scenario: Scenario) -> Model:
         truth_motion=_truth_motion(scenario),
         truth_states=KnownFlight([0.0]).names,
         signals={"mode": "mode", "stage": "stage"},
+        platforms=station_names(scenario),
         frame="launch",
         map=partial(bound_map, scenario),
     )

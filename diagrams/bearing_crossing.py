@@ -261,6 +261,7 @@ def declare(scenario: Scenario) -> Model:
         assume=assume,
         truth_motion=motion,
         signals={name: f"{name}.estimate" for name in scenario.azimuth_filters},
+        platforms=("observer",),
         frame="local",
         rows=model.names,
         map=partial(bound_map, scenario),

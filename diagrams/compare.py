@@ -29,7 +29,7 @@ from diagrams.assembly.model import Model
 from diagrams.assembly.system import System
 from diagrams.bootstrap import Interval, PairedBootstrap, Replicates, best_of, interval
 from diagrams.errors import UserError
-from diagrams.metrics import chi_square_band, diverged, errors, median, not_started
+from diagrams.metrics import causal, chi_square_band, diverged, errors, median, not_started
 from diagrams.score import Score
 from diagrams.starting import why_not_started
 from diagrams.states import shared
@@ -333,7 +333,6 @@ def statistics(
     epoch = nearest_epoch(times, at)
     draws = PairedBootstrap(dataset.sizes["trial"], resamples)
     names = [str(name) for name in dataset["estimator"].values]
-    not_causal = set(filter(None, dataset.attrs.get("looks_ahead", "").split(",")))
     costs = study.costs
     rows: dict[str, dict[str, Any]] = {}
     replicates: list[Replicates] = []
@@ -350,7 +349,7 @@ def statistics(
         squared.append(np.where(alone, np.inf, squares))
         replicates.append(draws.apply(squared[-1], lambda means: _two(means, epoch)) if alone.any() else found)
         both = interval(found, confidence)
-        row: dict[str, Any] = {"causal": name not in not_causal}
+        row: dict[str, Any] = {"causal": causal(dataset, name)}
         row["rmse_position_m"], row["armse_position_m"] = (entry(both, i) for i in range(2))
         row["median_position_m"] = plain(median(error).values[0, epoch])
         row |= _efficiency(one, Interval(*(part[0] for part in both)), epoch)

@@ -270,6 +270,7 @@ def declare(scenario: Scenario) -> Model:
         assume=assume,
         truth_motion=true_motion(truth.motion),
         truth_states=ConstantVelocity(0.0).names,
+        platforms=("main", "auxiliary"),
         signals={port: port for port in ("quality", "differences_covariance")},
         note=chain.note if chain else "",
         widest=chain.widest if chain else None,

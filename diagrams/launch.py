@@ -28,6 +28,7 @@ __all__ = [
     "Track",
     "launch_site",
     "rocket_model",
+    "station_names",
     "station_positions",
     "vehicle_block",
 ]
@@ -210,6 +211,11 @@ def station_positions(scenario: Launch) -> Array:
             angles = math.radians(station.latitude_deg), math.radians(station.longitude_deg)
             places.append(site.from_geodetic(*angles, station.height_m))
     return np.array(places)
+
+
+def station_names(scenario: Launch) -> list[str]:
+    """Return what the stations are called: a scenario lists them without names, and so do the rows of a range rate."""
+    return [f"station_{i}" for i in range(len(scenario.stations))]
 
 
 _FIELDS = {  # those that only a whole rocket can be told to be wrong in

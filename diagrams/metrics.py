@@ -27,6 +27,7 @@ __all__ = [
     "armse",
     "axis_errors",
     "bias_and_spread",
+    "causal",
     "chi_square_band",
     "convergence_time",
     "diverged",
@@ -88,6 +89,11 @@ def scored(dataset: xr.Dataset) -> xr.DataArray:
         both &= dataset["in_estimate"].transpose("estimator", "state").values
     names = {name: dataset[name].values for name in ("estimator", "state")}
     return xr.DataArray(both, names, ("estimator", "state"))
+
+
+def causal(dataset: xr.Dataset, estimator: str) -> bool:
+    """Return whether an estimator uses no measurement before it is made, as far as a result says it."""
+    return "causal" not in dataset.coords or bool(dataset["causal"].sel(estimator=estimator))
 
 
 def axis_errors(dataset: xr.Dataset) -> xr.DataArray:
@@ -464,7 +470,7 @@ def _summarise_one(dataset: xr.Dataset) -> dict[str, Any]:
         values = dataset[name].values[0] if name in dataset else np.full(time.size, np.nan)
         summary[f"{name}_{_UNITS[name.rpartition('_')[2]]}"] = _plain(values)
     name = str(dataset["estimator"].values[0])
-    summary["causal"] = name not in dataset.attrs.get("looks_ahead", "").split(",")
+    summary["causal"] = causal(dataset, name)
     summary["not_started"] = int(never.sum())
     summary["diverged"] = int(_diverged(error["position"], _limit(dataset, None)).sum())
     summary["armse_position_m"] = _plain(armse(curves["position"]))

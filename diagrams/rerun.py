@@ -10,6 +10,7 @@ from typing import Any
 
 from diagrams.assembly.find import PACKAGED, Found, find, fingerprint_of, read_own, systems
 from diagrams.errors import UserError, choose
+from diagrams.result_schema import check_version
 from diagrams.results import find_store
 from diagrams.store import read_attributes
 
@@ -42,6 +43,7 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
     if "scenario" in asked:
         raise UserError("--scenario: it cannot be combined with --from; use --set")
     attributes = read_attributes(find_store(path))
+    check_version(attributes, f"--from: {path}")
     take = _Taker(path, attributes)
     found = _system_again(take, path, system, trust)
     variant = take("variant", lambda v: v and found.of(v).variant, "text", str) or None

@@ -10,6 +10,7 @@ from typing import Any
 import xarray as xr
 
 from diagrams.errors import UserError
+from diagrams.result_schema import SCHEMA_VERSION, check_version, upgraded
 from diagrams.store import check_store
 
 __all__ = ["find_store", "open_result", "write_summary"]
@@ -36,21 +37,23 @@ def open_result(path: Path | str) -> xr.Dataset:
     Raises
     ------
     UserError
-        If there is no result, or it is not plain arrays.
+        If there is no result, it is not plain arrays, or a later version of Quietfix wrote it.
     """
     store = find_store(path)
     try:
         check_store(store)
-        return xr.open_zarr(store, consolidated=False, chunks=None)
+        dataset = xr.open_zarr(store, consolidated=False, chunks=None)
     except UserError:
         raise
     except Exception as error:  # zarr and xarray raise a dozen kinds for a damaged store
         raise UserError(f"result: {store} cannot be read ({' '.join(str(error).split())})") from error
+    return upgraded(dataset, check_version(dataset.attrs, f"result: {store}"))
 
 
 def write_summary(path: Path, dataset: xr.Dataset, estimators: dict[str, Any], began: float) -> dict[str, Any]:
     """Write ``summary.json`` and return what is in it."""
     summary = {
+        "schema_version": SCHEMA_VERSION,
         "system": dataset.attrs["system"],
         "variant": dataset.attrs["variant"] or None,
         "seed": int(dataset.attrs["seed"]),

@@ -422,6 +422,7 @@ def declare(scenario: Scenario) -> Model:
         assume=assume,
         truth_motion=OrbitalMotion(constants, real.j2),
         signals={port: f"ranging.{port}" for port in ("ranges", "range_sigmas")},
+        platforms=("observer",),
         frame="inertial",
         # a tenth of the initial error, as in (61): of its expectation, so that all estimators are held to the same
         convergence=0.1 * math.sqrt(np.trace(covariance[:3, :3])),

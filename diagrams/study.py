@@ -22,11 +22,13 @@ from diagrams.assembly.lineup import select_estimators
 from diagrams.assembly.model import Model
 from diagrams.assembly.system import System
 from diagrams.bounds import StudyBounds
+from diagrams.dataset import Shape, states_of
+from diagrams.described import described
 from diagrams.errors import UserError, choose
 from diagrams.progress import Progress
+from diagrams.result_schema import SCHEMA_VERSION
 from diagrams.scenario import dump
 from diagrams.score import Score
-from diagrams.states import columns, shared
 from systems.clocks import Clock, Times
 from systems.recorder import Recorder, record
 from systems.signals import Draw, set_draw
@@ -144,7 +146,8 @@ class Study:
         with self.blaming():
             self.probe = self.assemble(DiagramBuilder(), 2)
             shapes = self._signals(self.probe)[1]
-            self._shared = {signal for signal, (trials, _) in shapes.items() if trials == 1}
+            shared = {signal for signal, (trials, _) in shapes.items() if trials == 1}
+            self._shape = Shape(self.probe, keep, shared)
             self._floats = sum(size for _, size in shapes.values())
             self._truth_names = self.probe.truth_names
             self._asked_chunk = chunk
@@ -277,8 +280,8 @@ class Study:
                 times, signals = recorder.result(context)
                 path = signals if request.every == 1 else recorders[1].result(context)[1]
                 present = np.isfinite(path["sensed"].swapaxes(0, 1)[:size])
-                bounds.add(path["truth"].swapaxes(0, 1)[:size], self._carriers(path, size), size, present)
-                chunk = self._dataset(times, signals, begin, size)
+                bounds.add(path["truth"].swapaxes(0, 1)[:size], states_of(path["platforms"], size), size, present)
+                chunk = self._shape.dataset(times, signals, begin, size).assign_attrs(self.attributes())
                 rows = np.broadcast_to(present.sum(axis=-1).max(axis=-1), size)
                 chunk = chunk.assign_coords(measured_rows=("trial", rows, {"rows": present.shape[-1]}))
                 if done + size == trials:
@@ -286,7 +289,7 @@ class Study:
                     chunk = chunk.assign({name: (dims, v[:, kept]) for name, (dims, v) in bounds.variables().items()})
                 # a generator keeps its variables while it waits and while the next chunk runs
                 del context, signals, path, present, rows
-                yield chunk
+                yield described(chunk)
                 del chunk
 
     def _diagram_for(self, count: int) -> _Running:
@@ -332,97 +335,11 @@ class Study:
         """Turn whatever a user's own code raises, in a class or in the system, into a `UserError` that names it."""
         return self.found.blaming(self.request.scenario.estimators)
 
-    def _of_trials(self, signal: str, log: Array, dims: Sequence[str]) -> tuple[tuple[str, ...], Array]:
-        """Return dimensions and values of a log (trials or 1, time, ...): the trials left out where all share it."""
-        return (tuple(dims), log[0]) if signal in self._shared else (("trial", *dims), log)
-
-    @staticmethod
-    def _carriers(signals: Mapping[str, Array], count: int) -> Array:
-        platforms = signals["platforms"].swapaxes(0, 1)[:count]
-        return platforms.reshape(*platforms.shape[:2], -1, 6)
-
-    def _dataset(self, times: Array, signals: Mapping[str, Array], first: int, count: int) -> xr.Dataset:
-        """Turn a run's log into a Dataset, cutting the trials that only filled the batch."""
-        request, wired = self.request, self.probe
-        names = request.estimators
-        states, truth_names = wired.estimated_names, self._truth_names
-        owned = [wired.estimators[name].motion.names for name in names]
-        places = [columns(states, own) for own in owned]
-
-        def per_estimator(port: str, width: int | None) -> Array:
-            """Stack (time, trial, k) logs of all estimators to (estimator, trial, time[, width])."""
-            stacked = np.full((len(names), count, len(times), width or 1), np.nan)
-            for i, name in enumerate(names):
-                log = signals[f"{name}/{port}"].swapaxes(0, 1)[:count]
-                stacked[i, ..., : log.shape[-1]] = log
-            return stacked if width else stacked[..., 0]
-
-        def per_state(port: str) -> Array:
-            """Stack (time, trial, n) logs by the names of their components, to (estimator, trial, time, state)."""
-            stacked = np.full((len(names), count, len(times), len(states)), np.nan)
-            for i, name in enumerate(names):
-                stacked[i][..., places[i]] = signals[f"{name}/{port}"].swapaxes(0, 1)[:count]
-            return stacked
-
-        # The truth may have states that no estimator of this study has, and the other way round.
-        logged = signals["truth"].swapaxes(0, 1)[:count]
-        both = shared(states, truth_names)
-        truth = np.full((*logged.shape[:2], len(states)), np.nan)
-        truth[..., columns(states, both)] = logged[..., columns(truth_names, both)]
-        data: dict[str, Any] = {
-            "truth": self._of_trials("truth", truth, ("time", "state")),
-            "estimate": (("estimator", "trial", "time", "state"), per_state("estimate")),
-            **{
-                port: (("estimator", "trial", "time"), per_estimator(port, None)) for port in ("nees", "nis", "nis_dof")
-            },
-            "platforms": self._of_trials(
-                "platforms", self._carriers(signals, count), ("time", "platform", "coordinate")
-            ),
-        }
-        if request.keep in ("covariance", "all"):
-            square = np.full((len(names), count, len(times), len(states), len(states)), np.nan)
-            for i, name in enumerate(names):
-                log = signals[f"{name}/covariance"].swapaxes(0, 1)[:count]
-                here = np.arange(len(states))[places[i]]
-                square[i][..., here[:, None], here] = log.reshape(count, len(times), here.size, here.size)
-            data["covariance"] = (("estimator", "trial", "time", "state", "state_"), square)
-        if request.keep in ("measurements", "all"):
-            data["measurement"] = self._of_trials(
-                "measurement", signals["measurement"].swapaxes(0, 1)[:count], ("time", "row")
-            )
-            for name in wired.signals:
-                data[name] = self._of_trials(name, signals[name].swapaxes(0, 1)[:count], ("time", f"{name}_row"))
-        if request.keep == "all":
-            data["prediction"] = (("estimator", "trial", "time", "state"), per_state("prediction"))
-            rows = max(estimator.model.size for estimator in wired.estimators.values())
-            data["innovation"] = (
-                ("estimator", "trial", "time", "innovation_row"),
-                per_estimator("innovation", rows),
-            )
-        rows = signals["measurement"].shape[-1] if "measurement" in signals else 0
-        stream = next((e.wiring.stream for e in wired.estimators.values() if len(e.wiring.stream) == rows), range(rows))
-        motions = [estimator.motion for estimator in wired.estimators.values()]
-        units = {state: unit for motion in motions for state, unit in zip(motion.names, motion.units, strict=True)}
-        coordinates: dict[str, Any] = {
-            "estimator": names,
-            "trial": np.arange(first, first + count),
-            "time": ("time", times, {"units": "s"}),
-            "state": list(states),
-            "state_units": ("state", [units[state] for state in states]),
-            "in_truth": ("state", [state in truth_names for state in states]),
-            "in_estimate": (("estimator", "state"), [[state in own for state in states] for own in owned]),
-        }
-        if "measurement" in data:
-            named = wired.stream or []
-            coordinates["row"] = named if len(named) == rows else list(stream)
-        dataset = xr.Dataset(data, coordinates, self.attributes())
-        dataset["truth"].attrs["long_name"] = f"state of the target, {wired.model.frame.replace('_', '-')} axes"
-        return dataset
-
     def attributes(self) -> dict[str, Any]:
         """Return what a result needs to be run again from itself."""
         request, wired = self.request, self.probe
         return {
+            "schema_version": SCHEMA_VERSION,
             "system": request.system,
             "variant": request.variant or "",
             **self.found.attributes,
@@ -436,7 +353,6 @@ class Study:
             "note": wired.note,
             "divergence_m": wired.model.divergence,
             "scenario": dump(request.scenario, comments=False),
-            **({"looks_ahead": ",".join(wired.looks_ahead)} if wired.looks_ahead else {}),
             **({} if wired.model.convergence is None else {"convergence_m": wired.model.convergence}),
         }
 

@@ -307,6 +307,7 @@ def declare(scenario: Scenario) -> Model:
         assume=assume,
         truth_motion=true_motion(truth.motion),
         truth_states=ConstantVelocity(0.0).names,
+        platforms=("satellite_0", "satellite_1", "satellite_2"),
         signals={"integers": "phase_resolver.integers"},
         rows=stack.names,
         map=partial(bound_map, scenario),

@@ -17,7 +17,7 @@ import weakref
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from types import MethodType
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,7 +34,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-__all__ = ["Constant", "Draw", "EnsembleBlock", "ensemble", "leaf_systems", "set_draw"]
+__all__ = ["Component", "Constant", "Draw", "EnsembleBlock", "components_of", "ensemble", "leaf_systems", "set_draw"]
 
 _ADDRESS = re.compile(r"@[0-9a-f]{16}$")  # the end of the name that Drake gives to what has none
 _NOT_SET = [-1.0, -1.0]  # seed and first trial
@@ -46,6 +46,23 @@ class _Nothing(enum.Enum):
     """Stands for None in a cache entry, which Drake 1.58 does not take; a copy of it is itself."""
 
     NONE = enum.auto()
+
+
+class Component(NamedTuple):
+    """What one number of a signal is: its name and SI unit; ``1`` without a dimension, empty if nobody says it."""
+
+    name: str
+    unit: str
+
+
+class _Named(Protocol):
+    names: tuple[str, ...]
+
+
+def components_of(model: _Named) -> list[Component]:
+    """Return names and units of a measurement's rows or a state's components; a user's own model may lack units."""
+    units = tuple(getattr(model, "units", ()))
+    return [Component(name, units[i] if i < len(units) else "") for i, name in enumerate(model.names)]
 
 
 @dataclass(frozen=True)
@@ -100,6 +117,7 @@ class EnsembleBlock(LeafSystem):
         self.set_name(name)
         self._inputs: dict[str, tuple[int, int, int]] = {}  # index of the port, trials, size
         self._outputs: dict[str, tuple[int, int]] = {}
+        self._components: dict[str, tuple[Component, ...]] = {}
         self._kinds: dict[str, type] = {}
         self._draw_index: int | None = None
 
@@ -116,9 +134,15 @@ class EnsembleBlock(LeafSystem):
         size: int,
         calc: Callable[[Context], NDArray[np.float64]],
         tickets: Iterable[Any],
+        components: Iterable[tuple[str, str]] | None = None,
     ) -> OutputPort:
-        """Declare an output port that carries what ``calc(context)`` returns, shape (trials, size)."""
+        """Declare an output port that carries what ``calc(context)`` returns, shape (trials, size).
+
+        `components`: name and SI unit of each of the `size` numbers, where they have names.
+        """
         self._outputs[name] = (check_trials(trials), size)
+        if components is not None:
+            self._components[name] = tuple(Component(*one) for one in components)
 
         def write(context: Context, output: BasicVector) -> None:
             values = calc(context)
@@ -214,6 +238,10 @@ class EnsembleBlock(LeafSystem):
     def output_size(self, name: str) -> tuple[int, int]:
         """Return (trials, size) of output port `name`."""
         return self._outputs[name]
+
+    def components(self, name: str) -> tuple[Component, ...]:
+        """Return what the numbers on output port `name` are; nothing, where nobody has said it."""
+        return self._components.get(name, ())
 
     def output_names(self) -> list[str]:
         """Return the names of the output ports."""

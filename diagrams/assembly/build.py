@@ -15,6 +15,7 @@ from systems.clocks import Clock
 from systems.counting import count
 from systems.estimators.base import Estimator, Wiring
 from systems.motion.base import MotionModel
+from systems.signals import EnsembleBlock, components_of
 
 __all__ = ["Assembly", "build"]
 
@@ -59,6 +60,23 @@ class Assembly:
         return self.bus["platforms"]
 
     @property
+    def platform_names(self) -> tuple[str, ...]:
+        """Names of the platforms.
+
+        Raises
+        ------
+        UserError
+            If the model's `platforms` are not as many different names as there are platforms.
+        """
+        count, declared = self.bus.shape("platforms")[1] // 6, self.model.platforms
+        if declared is None:
+            return tuple(f"platform_{i}" for i in range(count))
+        fits = not isinstance(declared, str) and all(isinstance(name, str) and name for name in declared)
+        if not fits or len(declared) != count or len(set(declared)) != count:
+            raise UserError(f"platforms: {declared!r} is not allowed; {count} different names")
+        return tuple(declared)
+
+    @property
     def measurement(self) -> OutputPort:
         """What the estimators get."""
         return self.bus["measurement"]
@@ -82,11 +100,6 @@ class Assembly:
         return found
 
     @property
-    def looks_ahead(self) -> list[str]:
-        """Estimators that use measurements before they are made (as a paper may); a summary says so."""
-        return [name for name, block in self.estimators.items() if not block.causal]
-
-    @property
     def note(self) -> str:
         """What a reader of the results must know, of the model and of the estimators."""
         notes = [self.model.note, *(block.note for block in self.estimators.values())]
@@ -106,6 +119,14 @@ class Assembly:
     def stream(self) -> list[str] | None:
         """Names of the rows of `sensed`, where not all estimators are wired to it as it is."""
         return None if self.model.rows is None else list(self.model.rows)
+
+    @property
+    def row_units(self) -> dict[str, str]:
+        """SI units of the rows that are measured, by their names, as far as a block says them."""
+        blocks = [(port.get_system(), port.get_name()) for port in self.bus.ports("measurement")]
+        found = [row for block, port in blocks if isinstance(block, EnsembleBlock) for row in block.components(port)]
+        found += [row for block in self.estimators.values() for row in components_of(block.model)]
+        return {row.name: row.unit for row in reversed(found)}
 
     @property
     def truth_names(self) -> tuple[str, ...]:

@@ -51,6 +51,10 @@ class Bus:
             raise ValueError(f"signal: {signal} is not there; there are {', '.join(sorted(self._ports)) or 'none'}")
         return self._ports[signal]
 
+    def ports(self, name: str) -> list[OutputPort]:
+        """Return the output ports of that name, of all blocks."""
+        return [port for signal, port in self._ports.items() if signal.endswith(f".{name}")]
+
     def publish(self, **signals: OutputPort) -> None:
         """Give ports a name; one that is given again stands for the new port from now on."""
         self._ports |= signals

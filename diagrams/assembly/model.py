@@ -81,6 +81,8 @@ class Model:
         The motion that the truth really has, for the bound that does not know the filter's process noise (of a rocket:
         deviations from a flight whose acceleration is known); None where it is none of the models, and that bound is
         then NaN.
+    platforms : sequence of str, optional
+        Names of what carries the sensors, in the order of the signal ``platforms``; by default ``platform_0`` ...
     frame : {'earth_fixed', 'inertial', 'local', 'launch'}
         Axes of states and platforms; heights and courses mean nothing in inertial and launch ones. ``local``: east,
         north and, where there is a third axis, up, on a flat Earth.
@@ -108,6 +110,7 @@ class Model:
     parts: Sequence[Part]
     assume: Callable[[Bus, str, Any], Assumed]
     truth_motion: MotionModel | None = None
+    platforms: Sequence[str] | None = None
     frame: str = "earth_fixed"
     truth_states: Sequence[str] | None = None
     signals: Mapping[str, str] = field(default_factory=dict)

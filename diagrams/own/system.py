@@ -113,6 +113,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         assume=assume,
         truth_motion=true_motion(scenario, flight),
         truth_states=motion.names,
+        platforms=list(numbers),
         frame=frame,
         rows=rows,
         note=" ".join(note for note in (differentiated(sensors), _note(scenario, mover, setting)) if note),

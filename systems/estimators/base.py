@@ -24,7 +24,7 @@ from systems.estimators.start import Start
 from systems.filters.whitening import unknown_rows
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
-from systems.signals import Draw, EnsembleBlock, check_trials
+from systems.signals import Draw, EnsembleBlock, check_trials, components_of
 
 __all__ = ["Belief", "Epoch", "Estimator", "Innovation", "Memory", "Wiring"]
 
@@ -287,11 +287,12 @@ class Estimator(EnsembleBlock):
             "posterior", type(self)._calc_posterior, {self.cached_ticket(self._prior), draw, *inputs}
         )
         before, after = {self.cached_ticket(self._prior)}, {self.cached_ticket(self._posterior)}
-        self.declare_output("estimate", trials, n, lambda c: self.posterior_moments(c)[0], after)
+        states, rows = components_of(self.motion), components_of(self.model)
+        self.declare_output("estimate", trials, n, lambda c: self.posterior_moments(c)[0], after, states)
         self.declare_output("covariance", trials, n * n, lambda c: self.posterior_moments(c)[1], after)
-        self.declare_output("prediction", trials, n, lambda c: self._prior_moments(c)[0], before)
+        self.declare_output("prediction", trials, n, lambda c: self._prior_moments(c)[0], before, states)
         self.declare_output("prediction_covariance", trials, n * n, lambda c: self._prior_moments(c)[1], before)
-        self.declare_output("innovation", trials, m, lambda c: self._belief(c).innovation.value, after)
+        self.declare_output("innovation", trials, m, lambda c: self._belief(c).innovation.value, after, rows)
         self.declare_output("nis", trials, 1, lambda c: self._belief(c).innovation.nis, after)
         self.declare_output("nis_dof", trials, 1, lambda c: self._belief(c).innovation.nis_dof, after)
 

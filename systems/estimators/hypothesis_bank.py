@@ -134,7 +134,12 @@ class HypothesisBank(Estimator):
         if self._phases is not None:
             size = self._phases.size
             self.declare_output(
-                "integers", trials, size, lambda c: self.posterior_memory(c)["integers"][:, :size], after
+                "integers",
+                trials,
+                size,
+                lambda c: self.posterior_memory(c)["integers"][:, :size],
+                after,
+                [(row, "1") for row in self._phases.names],
             )
 
     # ---- memory

@@ -101,7 +101,8 @@ class ParticleEstimator(Estimator):
         self._whitener = Whitener(model.noise_covariance())
         super().__init__(name, model, motion, start, wiring)
         for i, port in enumerate(_PORTS):
-            self.declare_output(port, wiring.trials, 1, partial(self._health, i), {self.posterior_ticket})
+            health = partial(self._health, i)
+            self.declare_output(port, wiring.trials, 1, health, {self.posterior_ticket}, [(port, "1")])
 
     def _health(self, column: int, context: Context) -> Array:
         return self.posterior_memory(context)["health"][:, column]

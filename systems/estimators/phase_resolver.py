@@ -123,7 +123,8 @@ class PhaseResolver(EnsembleBlock):
         self.declare_output(
             "measurement", trials, len(self.stream), lambda c: self.cached(c, self._resolved)[0], ticket
         )
-        self.declare_output("integers", trials, phase.size, lambda c: self.cached(c, self._resolved)[1], ticket)
+        rows = [(row, "1") for row in phase.names]
+        self.declare_output("integers", trials, phase.size, lambda c: self.cached(c, self._resolved)[1], ticket, rows)
 
     @staticmethod
     def link_names(phase: InterferometerPhase, link: int) -> tuple[str, ...]:

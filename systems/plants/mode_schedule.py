@@ -26,11 +26,19 @@ class ModeSchedule(EnsembleBlock):
         From when to when the transponder is locked [s]; they must not overlap.
     delays : array_like, shape (stations,)
         How much later than the rocket each station switches [s], >= 0.
+    stations : sequence of str, optional
+        Their names.
     name : str
         Name of the block.
     """
 
-    def __init__(self, windows: Sequence[tuple[float, float]], delays: ArrayLike, name: str = "mode") -> None:
+    def __init__(
+        self,
+        windows: Sequence[tuple[float, float]],
+        delays: ArrayLike,
+        stations: Sequence[str] | None = None,
+        name: str = "mode",
+    ) -> None:
         super().__init__(name)
         ends = np.array(windows, dtype=float).reshape(-1, 2)
         for i, (begin, end) in enumerate(ends):
@@ -42,7 +50,8 @@ class ModeSchedule(EnsembleBlock):
         if self._delays.ndim != 1 or not np.all(np.isfinite(self._delays)) or np.any(self._delays < 0):
             raise ValueError(f"mode delays: {self._delays.tolist()} is not allowed; one number >= 0 s per station")
         self._ends = ends
-        self.declare_output("mode", 1, self._delays.size, self._mode, {self.time_ticket()})
+        named = None if stations is None else [(station, "1") for station in stations]
+        self.declare_output("mode", 1, self._delays.size, self._mode, {self.time_ticket()}, named)
 
     def _mode(self, context: Context) -> Array:
         time = context.get_time() - self._delays[:, None] + _ROUNDING

@@ -90,7 +90,7 @@ class Rocket(EnsembleBlock):
         ticket = {self.time_ticket()}
         self.declare_output("state", 1, 6, lambda c: self.at(c.get_time())[0][None], ticket)
         self.declare_output("acceleration", 1, 3, lambda c: self.at(c.get_time())[1][None], ticket)
-        self.declare_output("stage", 1, 1, self._stage, ticket)
+        self.declare_output("stage", 1, 1, self._stage, ticket, [("stage", "1")])
 
     def again(self) -> Rocket:
         """Return such a block for another diagram; nothing is flown again."""

@@ -174,8 +174,12 @@ class CrossAmbiguitySensor(EnsembleBlock):
         self._found = self.declare_cached("differences", CrossAmbiguitySensor._compare, tickets)
         after = {self.cached_ticket(self._found)}
         self.declare_output("measurement", self.trials, 2, self._measurement, after)
-        self.declare_output("noise_covariance", self.trials, 4, self._noise_covariance, after)
-        self.declare_output("quality", self.trials, len(QUALITY), self._quality, after)
+        rows = (("tdoa", "s"), ("fdoa", "Hz"))
+        square = [(f"{one}_{other}", f"{unit} {per}") for one, unit in rows for other, per in rows]
+        self.declare_output("noise_covariance", self.trials, 4, self._noise_covariance, after, square)
+        units = {"stein_tdoa": "s", "stein_fdoa": "Hz"}
+        named = [(name, units.get(name, "1")) for name in QUALITY]
+        self.declare_output("quality", self.trials, len(QUALITY), self._quality, after, named)
 
     def window(self, context: Context) -> Window:
         """Return where the peak is sought now."""

@@ -60,8 +60,10 @@ class Ranging(EnsembleBlock):
         given = {self.input_ticket("measurement"), self.input_ticket("platforms")}
         self._solved = self.declare_cached("solved", Ranging._solve, given)
         ticket = {self.cached_ticket(self._solved)}
+        roots = [(f"root_{i}", "m") for i in range(3)]  # those of one cubic, sorted: there is nothing else to call them
         for port, size in (("ranges", 3), ("range_sigmas", 3), ("positions", 9), ("naive_range", 1)):
-            self.declare_output(port, trials, size, self._reader(port), ticket)
+            named = roots if port.startswith("range") else None
+            self.declare_output(port, trials, size, self._reader(port), ticket, named)
         if feedback:
             self.declare_input("prediction", trials, 6)
             ahead = {self.input_ticket("prediction")}

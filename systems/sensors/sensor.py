@@ -12,7 +12,7 @@ from systems.filters.linear_algebra import semidefinite_root
 from systems.measurement.base import MeasurementModel
 from systems.measurement.visibility import Mask
 from systems.noise import normal
-from systems.signals import Draw, EnsembleBlock
+from systems.signals import Draw, EnsembleBlock, components_of
 
 __all__ = ["Sensor"]
 
@@ -77,6 +77,7 @@ class Sensor(EnsembleBlock):
             model.size,
             self._measure,
             {self.time_ticket(), self.input_ticket("target"), self.input_ticket("platforms"), draw},
+            components_of(model),
         )
 
     def _measure(self, context: Context) -> Array:

@@ -71,8 +71,6 @@ def fingerprint(title: str) -> dict:
 
 def _to_the_left(result: xr.Dataset) -> xr.DataArray:
     """Return the innovations with each estimator's own rows first, as they were recorded before rows had names."""
-    if "in_innovation" not in result.coords:
-        return result["innovation"]
     has = result["in_innovation"].values
     packed = np.full((*result["innovation"].shape[:-1], has.sum(axis=-1).max()), np.nan)
     for i, own in enumerate(has):
@@ -83,8 +81,6 @@ def _to_the_left(result: xr.Dataset) -> xr.DataArray:
 def _attributes(result: xr.Dataset) -> dict:
     """Return the attributes that say what was run; who looks ahead as the text that it was when it was recorded."""
     found = {key: _plain(result.attrs[key]) for key in _ATTRIBUTES if key in result.attrs}
-    if "causal" not in result.coords:
-        return found | {key: result.attrs[key] for key in ("looks_ahead",) if key in result.attrs}
     ahead = [str(name) for name in result["estimator"].values[~result["causal"].values]]
     return found | ({"looks_ahead": ",".join(ahead)} if ahead else {})
 
