@@ -39,7 +39,7 @@ def study_figures(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
     error = errors(dataset)
     written = []
     for quantity in ("position", "height", "speed", "course", "bias"):
-        if quantity in error:
+        if quantity in error and error[quantity].notnull().any():
             figure = draw_error(dataset, quantity, rmse(error[quantity]))
             written.append(save(figure, target / f"error_{quantity}.png"))
     written.append(save(draw_percentiles(dataset, error["position"]), target / "percentiles_position.png"))

@@ -55,6 +55,13 @@ def test_a_result_without_velocity_bounds_carriers_or_nis(tmp_path):
     assert {path.name for path in written} == ALL - {"error_speed.png", "error_course.png", "nis.png"}
 
 
+def test_a_target_at_rest_has_no_course_to_draw(tmp_path):
+    data = full_result()
+    data["truth"][:, 3:] = 0
+    data["truth"][:, :3] = data["truth"][0, :3]
+    assert {path.name for path in study_figures(data, tmp_path)} == ALL - {"error_course.png"}
+
+
 def test_lost_trials_and_trials_with_their_own_truth(tmp_path):
     data = full_result(trials=4)
     data["estimate"][0, 1, 5:] = np.nan
