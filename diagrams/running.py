@@ -150,10 +150,12 @@ def gdop_command(
 
     found = find(system)
     resolved = found.system.load(found.variant, scenario, settings or [])
-    with OutputFolder(out or Path("gdop"), overwrite, "gdop") as folder:
+    out = out or Path("gdop")
+    with OutputFolder(out, overwrite, "gdop") as folder:
         with found.blaming(resolved.estimators):
             map_figures(found.system, resolved, folder.work)
         folder.finish()
+    print(f"wrote {out}: figures")
 
 
 def observe_command(

@@ -115,30 +115,41 @@ def _between(levels: np.ndarray, least: float, most: float) -> np.ndarray:
 
 
 def _draw_tracks(figure: Figure, axes: Any, dataset: xr.Dataset) -> None:
-    tracks = np.moveaxis(dataset["track"].values, 1, 0)
-    labels = dataset.attrs["track_labels"]
-    middle = tracks.shape[1] // 2
-    named: set[str] = set()
-    for i, (track, label) in enumerate(zip(tracks, labels, strict=True)):
-        axes.plot(track[:, 1], track[:, 0], color="white", linewidth=4)
-        shown = None if label in named else label
-        axes.plot(track[:, 1], track[:, 0], color="#d55e00", linewidth=1.8, label=shown)
-        named.add(label)
-        several = len(tracks) > 1
+    tracks = list(np.moveaxis(dataset["track"].values, 1, 0))
+    shown = [(i, track) for i, track in enumerate(tracks) if _on_the_map(track, dataset)]
+    for i, track in shown:
+        label = dataset.attrs["track_labels"][i]
+        first = "filled: the first" if len(tracks) > 1 else ""
+        if np.ptp(track, axis=0).any():
+            axes.plot(track[:, 1], track[:, 0], color="white", linewidth=4)
+            axes.plot(track[:, 1], track[:, 0], color="#d55e00", linewidth=1.8, label=label)
+            label = "at half time"
+        middle = track[len(track) // 2]
         axes.plot(
-            track[middle, 1],
-            track[middle, 0],
+            middle[1],
+            middle[0],
             "^",
             color="#d55e00",
             markeredgecolor="white" if i == 0 else "#d55e00",
             markersize=10,
-            label=None if i else "at half time (filled: the first)" if several else "at half time",
+            label=f"{label} ({first})" if first else label,
             fillstyle="full" if i == 0 else "none",
         )
     points = dataset["point"].values
     if points.size:
         label = dataset.attrs["points_label"]
         axes.plot(points[:, 1], points[:, 0], "s", color="#cc79a7", markeredgecolor="white", label=label, markersize=9)
-    if len(tracks) or points.size:
+    handles, labels = axes.get_legend_handles_labels()
+    if labels:
+        once: dict[str, Any] = {}
+        for label, handle in zip(labels, handles, strict=True):
+            once.setdefault(label, handle)
         # beside the map, which it would hide
-        figure.legend(loc="outside lower center", ncols=3, frameon=False)
+        figure.legend(once.values(), once, loc="outside lower center", ncols=3, frameon=False)
+
+
+def _on_the_map(track: np.ndarray, dataset: xr.Dataset) -> bool:
+    """Return whether any of a curve (steps, 2) is on the map."""
+    sides = [dataset[dataset.attrs[name]].values for name in ("vertical", "horizontal")]
+    inside = [(side.min() <= along) & (along <= side.max()) for side, along in zip(sides, track.T, strict=True)]
+    return bool(np.any(inside[0] & inside[1]))

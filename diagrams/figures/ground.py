@@ -42,8 +42,8 @@ def draw_ground(dataset: xr.Dataset) -> Figure:
     -------
     matplotlib.figure.Figure
         Left: longitude and latitude, or east and north [km] in local axes; a dot is where a track begins. Right:
-        horizontal errors at the last epoch [km]. In inertial and launch axes: the same in the plane that lies along
-        the ground.
+        horizontal errors at the last epoch [m], or [km] where one is more than a kilometre. In inertial and launch
+        axes: the same in the plane that lies along the ground.
     """
     figure, (left, right) = new_figure(columns=2)
     frame = dataset.attrs.get("frame", "earth_fixed")
@@ -73,47 +73,47 @@ def _local(dataset: xr.Dataset) -> bool:
     return dataset.attrs.get("frame") == "local"
 
 
-def _on_map(position: Array, local: bool) -> tuple[Array, Array]:
-    """Return longitude and latitude [deg], or east and north [km], of positions (..., >= 2)."""
-    if local:
+def _on_map(position: Array, middle: float | None) -> tuple[Array, Array]:
+    """Return longitude and latitude [deg], or east and north [km], of a track (time, >= 2).
+
+    The longitudes have no jump and begin within half a turn of `middle` [deg]; None: local axes.
+    """
+    if middle is None:
         return position[..., 0] / 1e3, position[..., 1] / 1e3
     latitude, longitude, _ = ecef_to_geodetic(position)
-    return np.degrees(np.unwrap(longitude) if longitude.ndim else longitude), np.degrees(latitude)
+    across = np.degrees(np.unwrap(longitude))
+    return across - 360 * np.round((across[:1] - middle) / 360), np.degrees(latitude)
 
 
-def _track(axes: Any, position: Array, color: str, local: bool, **keywords: Any) -> None:
-    """Draw a ground track (time, >= 2) with a dot at its beginning."""
-    across, along = _on_map(position[np.isfinite(position).all(axis=-1)], local)
+def _track(axes: Any, position: Array, color: str, middle: float | None, **keywords: Any) -> tuple[float, float] | None:
+    """Draw a ground track (time, >= 2) with a dot at its beginning; return where it ends, if it is anywhere."""
+    across, along = _on_map(position[np.isfinite(position).all(axis=-1)], middle)
     if along.size == 0:
-        return
+        return None
     axes.plot(across, along, color=color, **keywords)
     axes.plot(across[:1], along[:1], "o", color=color, markersize=6)
+    return float(across[-1]), float(along[-1])
 
 
 def _draw_tracks(axes: Any, target: Array, dataset: xr.Dataset) -> None:
     local = _local(dataset)
     target = target[..., :2] if local else target
+    middle = None if local else float(np.degrees(np.nan_to_num(ecef_to_geodetic(target[0, 0])[1])))
     if "platforms" in dataset:
         carriers = dataset["platforms"].values
         carriers = carriers if carriers.ndim == 3 else carriers[0]
         for i in range(carriers.shape[1]):
-            _track(
-                axes,
-                carriers[:, i, :3],
-                _CARRIERS,
-                local,
-                linewidth=1.5,
-                label="carriers, from the dot on" if i == 0 else None,
-            )
-            last = _on_map(carriers[-1, i, :3], local)
-            axes.annotate(str(i), last, **_LABEL)
+            label = "carriers, from the dot on" if i == 0 else None
+            last = _track(axes, carriers[:, i, :3], _CARRIERS, middle, linewidth=1.5, label=label)
+            if last is not None:
+                axes.annotate(str(i), last, **_LABEL)
     shown = target[:20]  # enough to see how trials differ
     for i, course in enumerate(shown):
         _track(
             axes,
             course,
             "#d55e00",
-            local,
+            middle,
             linewidth=2.5 if len(shown) == 1 else 1.0,
             label="target" if i == 0 else None,
         )
@@ -165,12 +165,15 @@ def _draw_last_errors(axes: Any, dataset: xr.Dataset) -> None:
     truth = last["truth"].values
     estimate = last["estimate"].transpose("estimator", "trial", "state").values
     if _local(dataset):
-        offset = (estimate - truth)[..., :2] / 1e3
+        offset = (estimate - truth)[..., :2]
     else:
         latitude, longitude, _ = ecef_to_geodetic(truth)
         rotation = enu_rotation(np.nan_to_num(latitude), np.nan_to_num(longitude))
         with np.errstate(invalid="ignore"):
-            offset = (rotation @ (estimate - truth)[..., None])[..., 0] / 1e3
+            offset = (rotation @ (estimate - truth)[..., None])[..., :2, 0]
+    far = bool(np.max(np.abs(offset), initial=0.0, where=np.isfinite(offset)) > 1e3)
+    scale, unit = (1e3, "km") if far else (1.0, "m")
+    offset = offset / scale
     clouds = [cloud[np.isfinite(cloud).all(axis=-1)] for cloud in offset]
     widths = [np.square(cloud).sum() / max(len(cloud), 1) for cloud in clouds]
     wider = np.argsort(np.argsort(widths, kind="stable"))  # the wider a cloud the lower it lies
@@ -181,8 +184,8 @@ def _draw_last_errors(axes: Any, dataset: xr.Dataset) -> None:
     axes.plot(0, 0, "+", color=_TARGET, markersize=14, markeredgewidth=2, zorder=4)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(
-        xlabel="east [km]",
-        ylabel="north [km]",
+        xlabel=f"east [{unit}]",
+        ylabel=f"north [{unit}]",
         title=f"estimate minus truth at {float(last['time']):g} s, one dot per trial",
     )
     grid(axes)

@@ -11,6 +11,7 @@ from diagrams.assembly.build import build
 from diagrams.bounds import StudyBounds
 from diagrams.catalogue import load_scenario
 from diagrams.errors import UserError
+from diagrams.figures import gdop
 from diagrams.maps.bounds import map_bounds
 from diagrams.maps.charts import chart_of
 from diagrams.maps.command import bound_maps, map_figures
@@ -186,3 +187,29 @@ def test_figures_and_table(tmp_path, capsys, printed_tables):
     assert "x 1000, y 1000, z 30 m" in printed and "moved about as a whole" in printed
     check_fits(printed_tables[0])
     assert found.attrs["points_label"] == "the scenario's target at the start"
+
+
+def legend(dataset, tmp_path, monkeypatch):
+    """What the legends of a map's figures say."""
+    drawn = []
+    monkeypatch.setattr(gdop, "save", lambda figure, path: drawn.append(figure) or path)
+    gdop.draw_gdop(dataset, tmp_path)
+    return [text.get_text() for text in drawn[0].legends[0].get_texts()]
+
+
+def test_legend_of_a_map_speaks_of_what_is_on_it(tmp_path, monkeypatch):
+    model = flat_plane.SYSTEM.declare(flat_plane.Scenario())
+    (of,) = default_maps(model, flat_plane.Scenario().estimators, points=7)
+    target = "the scenario's target at the start"
+    start = np.array([of.plane.values[0][3], of.plane.values[1][3]])
+    places = np.tile(start, (5, 2, 1))  # two curves of five steps
+    labels = {"track_labels": ("platforms",) * 2}
+
+    def said(track):
+        changed = dataclasses.replace(of, track=track, **labels)
+        return legend(map_bounds(changed, progress=False), tmp_path, monkeypatch)
+
+    assert said(places) == ["platforms (filled: the first)", target]
+    moving = places + np.linspace(0, 1e-3, 5)[:, None, None]
+    assert said(moving) == ["platforms", "at half time (filled: the first)", target]
+    assert said(places + 1e6) == [target]

@@ -141,6 +141,30 @@ def test_inertial_states_have_no_ground_track(tmp_path):
     assert "ground.png" not in names and "error_height.png" not in names and "error_position.png" in names
 
 
+def test_tracks_across_the_date_line_stay_together():
+    data = full_result()
+    time = data["time"].values
+    target, west = (geodetic_state(0.1, np.radians(degrees), 0.0, np.radians(90.0), 300.0) for degrees in (-179.9, 179))
+    west[3:] *= 20
+    data = data.assign(
+        truth=(("time", "state"), straight_line(target, time)),
+        platforms=(("time", "platform", "coordinate"), straight_line(west[None], time[:, None])),
+    )
+    axes = draw_ground(data).axes[0]
+    longitudes = np.concatenate([line.get_xdata() for line in axes.lines])
+    assert np.ptp(longitudes) < 10
+    ends = [line.get_xydata()[-1] for line in axes.lines]
+    assert min(np.abs(np.subtract(end, axes.texts[0].xy)).max() for end in ends) < 1e-9
+
+
+def test_small_errors_are_drawn_in_metres():
+    small, large = (draw_ground(full_result(scale=scale)).axes[1] for scale in (10.0, 1e5))
+    assert small.get_xlabel() == "east [m]" and small.get_ylabel() == "north [m]"
+    assert large.get_xlabel() == "east [km]"
+    reach = max(np.abs(line.get_xydata()).max() for line in small.lines if len(line.get_xdata()) > 2)
+    assert 1 < reach < 100  # sigma 10 m, a sixth of that at the end
+
+
 def test_health_of_particle_filters():
     """Drawn where a result has it, for those that have it."""
     data = full_result(names=("iekf", "pf"))
