@@ -27,6 +27,7 @@ __all__ = [
     "ReferenceOrbit",
     "StraightLine",
     "gravity_constants",
+    "initial_state",
     "satellite_orbit",
     "satellite_states",
     "seen_at_all",
@@ -127,38 +128,61 @@ def satellite_states(scenario: Formation, count: int) -> Array:
     Raises
     ------
     UserError
-        If there are not `count`.
+        If there are not `count`, or as `initial_state`.
     """
     if len(scenario.satellites) != count:
         raise UserError(f"satellites: {len(scenario.satellites)} are given; exactly {count} are needed")
-    mu = scenario.constants.mu_m3ps2
-    a = scenario.constants.earth_radius_m + scenario.reference_orbit.altitude_km * _KM
-    inclination = math.radians(scenario.reference_orbit.inclination_deg)
-    states = []
-    for i, satellite in enumerate(scenario.satellites):
-        if isinstance(satellite, Offset):
-            node = satellite.across_km * _KM / a / math.sin(inclination)
-            latitude = satellite.along_km * _KM / a - node * math.cos(inclination)
-            elements = KeplerElements(a, 0.0, inclination, node, 0.0, latitude)
-        elif isinstance(satellite, Kepler):
-            true = math.radians(satellite.true_anomaly_deg)
-            elements = KeplerElements(
-                satellite.semi_major_axis_km * _KM,
-                satellite.eccentricity,
-                math.radians(satellite.inclination_deg),
-                math.radians(satellite.raan_deg),
-                math.radians(satellite.argument_of_perigee_deg),
-                mean_anomaly(true, satellite.eccentricity),
-            )
-        else:
-            for field in ("position_km", "velocity_kmps"):
-                value = getattr(satellite, field)
-                if len(value) != 3 or not np.all(np.isfinite(value)):
-                    raise UserError(f"satellites.{i}.{field}: {value} is not allowed; three finite numbers")
-            states.append(_KM * np.array([*satellite.position_km, *satellite.velocity_kmps]))
-            continue
-        states.append(state_of(elements, mu))
-    return np.array(states)
+    constants = gravity_constants(scenario.constants)
+    return np.array(
+        [
+            initial_state(satellite, scenario.reference_orbit, constants, f"satellites.{i}")
+            for i, satellite in enumerate(scenario.satellites)
+        ]
+    )
+
+
+def initial_state(
+    satellite: Offset | Kepler | PositionVelocity, reference: ReferenceOrbit, constants: GravityConstants, where: str
+) -> Array:
+    r"""Return a satellite's inertial state at t = 0, shape (6,).
+
+    Parameters
+    ----------
+    satellite : Offset, Kepler or PositionVelocity
+    reference : ReferenceOrbit
+        What offsets refer to: ahead by an arc of the orbit, across by a node shifted by
+        :math:`\Delta\Omega = d/(a \sin i)`, which moves the satellite along by
+        :math:`a\,\Delta\Omega \cos i`, taken back.
+    constants : GravityConstants
+    where : str
+        Name of the field, for messages.
+
+    Raises
+    ------
+    UserError
+        If a position or a velocity is not three finite numbers.
+    """
+    if isinstance(satellite, PositionVelocity):
+        for field in ("position_km", "velocity_kmps"):
+            value = getattr(satellite, field)
+            if len(value) != 3 or not np.all(np.isfinite(value)):
+                raise UserError(f"{where}.{field}: {list(value)} is not allowed; 3 finite numbers")
+        return _KM * np.array([*satellite.position_km, *satellite.velocity_kmps])
+    if isinstance(satellite, Offset):
+        a = constants.radius + reference.altitude_km * _KM
+        inclination = math.radians(reference.inclination_deg)
+        node = satellite.across_km * _KM / a / math.sin(inclination)
+        latitude = satellite.along_km * _KM / a - node * math.cos(inclination)
+        return state_of(KeplerElements(a, 0.0, inclination, node, 0.0, latitude), constants.mu)
+    elements = KeplerElements(
+        satellite.semi_major_axis_km * _KM,
+        satellite.eccentricity,
+        math.radians(satellite.inclination_deg),
+        math.radians(satellite.raan_deg),
+        math.radians(satellite.argument_of_perigee_deg),
+        mean_anomaly(math.radians(satellite.true_anomaly_deg), satellite.eccentricity),
+    )
+    return state_of(elements, constants.mu)
 
 
 def satellite_orbit(scenario: Formation, count: int) -> DenseOrbit:

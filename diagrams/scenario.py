@@ -298,8 +298,19 @@ def _restore_order(loaded: Any, data: Mapping[str, Any]) -> None:
         value, source = getattr(loaded, field.name), data.get(natural_name(field.name))
         if isinstance(value, dict) and isinstance(source, Mapping):
             setattr(loaded, field.name, {key: value[key] for key in source if key != _TAG})
-        elif dataclasses.is_dataclass(value) and isinstance(source, Mapping):
-            _restore_order(value, source)
+        _restore_inner(value, source)
+
+
+def _restore_inner(value: Any, source: Any) -> None:
+    """Do the same in what a field holds."""
+    if dataclasses.is_dataclass(value) and isinstance(source, Mapping):
+        _restore_order(value, source)
+    elif isinstance(value, dict) and isinstance(source, Mapping):
+        for key, item in value.items():
+            _restore_inner(item, source[key])
+    elif isinstance(value, list) and isinstance(source, list):
+        for item, of in zip(value, source, strict=True):
+            _restore_inner(item, of)
 
 
 def _safe_names(data: Any) -> Any:

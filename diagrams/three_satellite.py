@@ -266,7 +266,7 @@ def declare(scenario: Scenario) -> Model:
     _check_visible(scenario, orbit, start_state)
     real, believed = (models(scenario, believed) for believed in (False, True))
     stack = _sensor_stack(scenario, real)
-    resolver = PhaseResolution(stack, real["phase"], real["tdoa"], _chain(scenario))
+    resolver = PhaseResolution(stack.names, real["phase"], real["tdoa"], _chain(scenario))
     sigma_height = truth.sigma_assumed_height_km * _KM
     phases = [row for row in stack.names if row.startswith("phase")]
     mask = ElevationMask(math.radians(truth.minimum_elevation_deg), "target")

@@ -13,25 +13,28 @@ from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Part
 from diagrams.errors import UserError, choose
 from diagrams.formation import gravity_constants
+from diagrams.own.kinds import Phase
 from diagrams.own.paths import Path, path_of
 from diagrams.own.records import Setting
+from diagrams.own.resolving import two_differences
 from diagrams.own.schema import Given, OwnScenario, Prior
-from diagrams.own.sensing import PlacedSensor
+from diagrams.own.sensing import Measured
 from diagrams.own.starts import KnownHeight, Snapshot
 from diagrams.own.target import spread_of
 from diagrams.parts.sensing import TargetSensor
 from systems.clocks import Clock
 from systems.estimators.known_height_start import KnownHeightStart
+from systems.estimators.options import EstimatorOptions
 from systems.estimators.snapshot_start import SnapshotStart
 from systems.estimators.start import GivenStart, PortStart, Start
-from systems.fixes.known_height import Method
+from systems.fixes.known_height import Method, has_closed_form
 from systems.fixes.snapshot import starts_around, starts_around_level
 from systems.measurement.altitude import Altitude
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.sensors.prior import PriorEstimate
 
-__all__ = ["Surroundings", "begin"]
+__all__ = ["Begin", "Surroundings", "begin"]
 
 Array = NDArray[np.float64]
 
@@ -43,7 +46,8 @@ class Surroundings:
     Attributes
     ----------
     scenario : OwnScenario
-    sensors : sequence of PlacedSensor
+    kinds : sequence of Measured
+        All that is measured.
     clock : Clock
         When measurements come.
     states : int
@@ -55,30 +59,25 @@ class Surroundings:
     """
 
     scenario: OwnScenario
-    sensors: Sequence[PlacedSensor]
+    kinds: Sequence[Measured]
     clock: Clock
     states: int
     target: Path
     carriers: Callable[[float], Array]
     setting: Setting
 
-    @property
-    def rows(self) -> list[str]:
-        """Names of all rows that are measured."""
-        return [row for one in self.sensors for row in one.real.names]
-
-    def first(self, where: str, names: Sequence[str]) -> list[PlacedSensor]:
-        """Return sensors of these names, all if none is named; all of them must see the target at the first instant."""
-        known = {one.name: one for one in self.sensors}
+    def first(self, where: str, names: Sequence[str]) -> list[Measured]:
+        """Return kinds of these names, all if none is named; all of them must see the target at the first instant."""
+        known = {one.name: one for one in self.kinds}
         chosen = [known[choose(where, name, known)] for name in names or known]
         if self.states != 6:
             raise UserError(f"{where}: a fix knows nothing of the oscillator; !Prior or !Given")
-        time = min(one.field.offset_s for one in self.sensors)
+        time = min(one.timed.offset_s for one in self.kinds)
         target, carriers = self.target(time)[None], self.carriers(time).reshape(1, -1, 6)
         for one in chosen:
-            if one.field.offset_s > time:
+            if one.timed.offset_s > time:
                 raise UserError(
-                    f"{where}: {one.name} is not allowed; it measures from {one.field.offset_s:g} s on, the first "
+                    f"{where}: {one.name} is not allowed; it measures from {one.timed.offset_s:g} s on, the first "
                     f"measurement is at {time:g} s"
                 )
             used = one.real.platforms_used(carriers.shape[-2]).any(axis=0)
@@ -93,8 +92,12 @@ class Surroundings:
         return chosen
 
 
-def begin(around: Surroundings) -> tuple[Start, list[Part]]:
-    """Return the start and the parts that it needs."""
+Begin = Callable[[str, EstimatorOptions, Sequence[str]], Start]
+"""``(name, options, rows) -> Start`` of an estimator that gets these rows."""
+
+
+def begin(around: Surroundings) -> tuple[Begin, list[Part]]:
+    """Return what makes an estimator's start, and the parts that it needs."""
     field, scenario = around.scenario.start, around.scenario
     if isinstance(field, Snapshot):
         return _snapshot(field, around), []
@@ -104,9 +107,9 @@ def begin(around: Surroundings) -> tuple[Start, list[Part]]:
     if isinstance(field, Given):
         mean, constants = np.zeros(around.states), gravity_constants(scenario.constants)
         mean[:6] = path_of(field.at, scenario.frame, around.setting, constants, "start.at")(0.0)
-        return GivenStart(mean, spread), []
+        return lambda name, options, rows: GivenStart(mean, spread), []
     assert isinstance(field, Prior)
-    return PortStart(spread), [_prior(spread)]
+    return lambda name, options, rows: PortStart(spread), [_prior(spread)]
 
 
 def _prior(spread: Array) -> Part:
@@ -117,32 +120,58 @@ def _prior(spread: Array) -> Part:
     return part
 
 
-def _snapshot(field: Snapshot, around: Surroundings) -> Start:
+def _snapshot(field: Snapshot, around: Surroundings) -> Begin:
     if around.scenario.frame == "inertial":
         raise UserError("start: !Snapshot is not allowed in frame inertial; local or earth_fixed")
-    model = Stack([one.believed for one in around.first("start.sensors", field.sensors)])
-    if model.size < 3:
-        raise UserError(f"start.sensors: {list(model.names)} are not enough; a position takes three rows")
+    chosen = around.first("start.sensors", field.sensors)
+    for one in chosen:
+        if isinstance(one.field, Phase) and one.field.resolved_by:
+            raise UserError(
+                f"start.sensors: {one.name} is not allowed; its phases are resolved by a prediction, which the first "
+                "measurement has not; name others"
+            )
     places = starts_around_level if around.scenario.frame == "local" else starts_around
-    return SnapshotStart(model, around.rows, field.sigma_velocity_mps, field.height_m, places=places)
+
+    def make(name: str, options: EstimatorOptions, rows: Sequence[str]) -> Start:
+        for one in chosen:
+            if one.resolved and options.resolves_phases:
+                raise UserError(f"estimators.{name}: it takes wrapped phases; start.sensors: {one.name} is not allowed")
+        model = Stack([one.cleared for one in chosen])
+        return SnapshotStart(model, rows, field.sigma_velocity_mps, field.height_m, places=places)
+
+    size = sum(one.believed.size for one in chosen)
+    if size < 3:
+        rows = [row for one in chosen for row in one.believed.names]
+        raise UserError(f"start.sensors: {rows} are not enough; a position takes three rows")
+    return make
 
 
-def _known_height(field: KnownHeight, around: Surroundings) -> tuple[Start, list[Part]]:
+def _known_height(field: KnownHeight, around: Surroundings) -> tuple[Begin, list[Part]]:
     if around.scenario.frame != "earth_fixed":
         raise UserError(f"start: !KnownHeight is for frame earth_fixed only, this is {around.scenario.frame}")
-    able = [one.name for one in around.sensors if isinstance(one.believed, Tdoa) and one.believed.size == 2]
+    able = two_differences(around.kinds)
     if not able:
         raise UserError("start: !KnownHeight needs a !Tdoa of two rows; there is none")
     if not field.sensor and len(able) > 1:
         raise UserError(f"start.sensor: none is given; one of {', '.join(able)}")
-    name = choose("start.sensor", field.sensor or able[0], able)
-    tdoa = next(one for one in around.sensors if one.name == name).believed
+    name = choose("start.sensor", field.sensor or next(iter(able)), able)
+    tdoa = able[name].believed
     assert isinstance(tdoa, Tdoa)
     if not tdoa.light_time:  # with light time the start itself allows for the velocity
         around.first("start.sensor", [name])
     if around.states != 6:
         raise UserError("start: a fix knows nothing of the oscillator; !Prior or !Given")
-    method = cast(Method, field.method)
-    start = KnownHeightStart(tdoa, around.rows, field.sigma_height_m, field.sigma_velocity_mps, method=method)
+    platforms = around.carriers(able[name].timed.offset_s).reshape(1, -1, 6)
+    order = [tdoa.reference, *tdoa.receivers]
+    if field.method == "closed_form" and not np.all(has_closed_form(platforms[:, order])):
+        raise UserError(
+            "start.method: closed_form is not allowed for these platforms (collinear, or in one plane with the Earth's "
+            "centre); newton or auto"
+        )
+
+    def make(name: str, options: EstimatorOptions, rows: Sequence[str]) -> Start:
+        sigma, method = field.believed_sigma_height_m or field.sigma_height_m, cast(Method, field.method)
+        return KnownHeightStart(tdoa, rows, sigma, field.sigma_velocity_mps, field.sigma_platform_m, method)
+
     height = Altitude(field.sigma_height_m, "assumed_height")
-    return start, [TargetSensor("assumed_height", height, around.clock)]
+    return make, [TargetSensor("assumed_height", height, around.clock)]

@@ -1,10 +1,10 @@
-"""A user's own measurement model as a sensor of a system of one's own."""
+"""A user's own measurement model in a system of one's own."""
 
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 from dataclasses import dataclass
 
 from diagrams.errors import UserError
-from diagrams.own.places import Places, Timed
+from diagrams.own.places import Places
 from systems.documented import documented, text
 from systems.measurement.base import MeasurementModel
 from systems.measurement.custom import CustomMeasurement, made
@@ -13,7 +13,7 @@ __all__ = ["Custom"]
 
 
 @dataclass
-class Custom(Timed):
+class Custom:
     """A measurement model of one's own: ``!Custom {class: package.module:Class, options: {...}}``."""
 
     class_: str = text("where the class is: package.module:Class, beside this file, say")

@@ -4,6 +4,7 @@
 from dataclasses import dataclass
 
 from diagrams import launch
+from diagrams.formation import Kepler, Offset, PositionVelocity
 from systems.documented import documented, number, text
 
 __all__ = [
@@ -12,11 +13,13 @@ __all__ = [
     "GreatCircle",
     "Kepler",
     "Mover",
+    "Offset",
     "PositionVelocity",
     "RandomMotion",
     "Rocket",
     "Sp3",
     "Straight",
+    "StraightLine",
     "Tle",
     "Track",
     "Waypoints",
@@ -50,6 +53,17 @@ class Straight:
 
 
 @dataclass
+class StraightLine:
+    """Flies straight on in Earth-fixed axes, level at t = 0: after 100 km it is 0.8 km higher above the ellipsoid."""
+
+    latitude_deg: float = number("geodetic latitude at t = 0 [deg]", 0.0, at_least=-90, at_most=90)
+    longitude_deg: float = number("longitude at t = 0 [deg]", 0.0)
+    height_m: float = number("height above the ellipsoid at t = 0 [m]", 0.0, at_least=-500)
+    course_deg: float = number("course at t = 0, clockwise from north [deg]", 90.0)
+    speed_mps: float = number("speed [m/s]", 10.0, at_least=0)
+
+
+@dataclass
 class Waypoints:
     """Flies by waypoints at constant height and speed, with turns of constant rate.
 
@@ -73,26 +87,6 @@ class GreatCircle:
     height_m: float = number("height above the ellipsoid [m]", 0.0, at_least=-500)
     course_deg: float = number("course at t = 0, clockwise from north [deg]", 90.0)
     speed_mps: float = number("speed [m/s]", 10.0, at_least=0)
-
-
-@dataclass
-class Kepler:
-    """A satellite by Kepler elements at t = 0; inertial and Earth-fixed axes coincide then."""
-
-    semi_major_axis_km: float = number("semi-major axis [km]", 7078.137, above=0)
-    eccentricity: float = number("eccentricity", 0.0, at_least=0, at_most=0.9)
-    inclination_deg: float = number("inclination [deg]", 60.0)
-    raan_deg: float = number("right ascension of the ascending node [deg]", 0.0)
-    argument_of_perigee_deg: float = number("argument of perigee [deg]", 0.0)
-    true_anomaly_deg: float = number("true anomaly at t = 0 [deg]", 0.0)
-
-
-@dataclass
-class PositionVelocity:
-    """A satellite by its inertial position and velocity at t = 0."""
-
-    position_km: list[float] = documented("inertial x, y, z [km]", factory=lambda: [7078.137, 0.0, 0.0])
-    velocity_kmps: list[float] = documented("inertial vx, vy, vz [km/s]", factory=lambda: [0.0, 3.75, 6.5])
 
 
 @dataclass
@@ -146,7 +140,21 @@ class Rocket(launch.Rocket):
     azimuth_deg: float = number("launch azimuth, clockwise from north [deg]", 90.0)
 
 
-Mover = Fixed | Geodetic | Straight | Waypoints | GreatCircle | Kepler | PositionVelocity | Tle | Sp3 | Track | Rocket
+Mover = (
+    Fixed
+    | Geodetic
+    | Straight
+    | StraightLine
+    | Waypoints
+    | GreatCircle
+    | Kepler
+    | PositionVelocity
+    | Offset
+    | Tle
+    | Sp3
+    | Track
+    | Rocket
+)
 """Whatever has a path of its own."""
 
 

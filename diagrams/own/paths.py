@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.errors import UserError
+from diagrams.formation import initial_state
 from diagrams.own.flight import rocket_path
 from diagrams.own.movers import (
     Fixed,
@@ -17,10 +20,12 @@ from diagrams.own.movers import (
     GreatCircle,
     Kepler,
     Mover,
+    Offset,
     PositionVelocity,
     Rocket,
     Sp3,
     Straight,
+    StraightLine,
     Tle,
     Track,
     Waypoints,
@@ -28,20 +33,19 @@ from diagrams.own.movers import (
 from diagrams.own.records import Setting, sp3_path, tle_path, track_path
 from systems.frames import earth_fixed_to_inertial, geodetic_state, inertial_to_earth_fixed
 from systems.motion.gravity import GravityConstants
-from systems.motion.great_circle import great_circle
-from systems.motion.kepler import KeplerElements, mean_anomaly, state_of
+from systems.motion.great_circle import great_circle, straight_line
 from systems.motion.level_waypoints import LevelWaypointPath
 from systems.motion.waypoints import WaypointPath
 from systems.plants.orbit import DenseOrbit
 
-__all__ = ["ALLOWED", "Path", "path_of"]
+__all__ = ["ALLOWED", "Path", "path_of", "paths_of"]
 
 Array = NDArray[np.float64]
 Path = Callable[[float], Array]
 
 _KM = 1e3
 
-_EARTH = (Geodetic, GreatCircle, Waypoints, Rocket, Kepler, PositionVelocity, Tle, Sp3, Track)
+_EARTH = (Geodetic, StraightLine, GreatCircle, Waypoints, Rocket, Kepler, PositionVelocity, Offset, Tle, Sp3, Track)
 
 ALLOWED: dict[str, tuple[type, ...]] = {
     "local": (Fixed, Straight, Waypoints, Track),
@@ -60,7 +64,7 @@ def path_of(mover: Mover, frame: str, setting: Setting, constants: GravityConsta
         The scenario's field.
     frame : {'local', 'earth_fixed', 'inertial'}
     setting : Setting
-        Length of a run, its date, and where files are.
+        Length of a run, its date, where files are, and what offsets are counted from.
     constants : GravityConstants
         J2 of 0: two bodies.
     where : str
@@ -71,21 +75,80 @@ def path_of(mover: Mover, frame: str, setting: Setting, constants: GravityConsta
     UserError
         If such a thing is not in that frame, or its numbers cannot be.
     """
-    if not isinstance(mover, ALLOWED[frame]):
-        kinds = ", ".join(f"!{kind.__name__}" for kind in ALLOWED[frame])
-        raise UserError(f"{where}: !{type(mover).__name__} is not allowed in frame {frame}; {kinds}")
+    return paths_of({where: mover}, frame, setting, constants)[0]
+
+
+def paths_of(movers: Mapping[str, Mover], frame: str, setting: Setting, constants: GravityConstants) -> list[Path]:
+    """Return the paths of movers by the names of their fields; see `path_of`.
+
+    Satellites by elements, states and offsets are integrated together, so that all of them have the steps of the one
+    that needs the shortest.
+
+    Raises
+    ------
+    UserError
+        As `path_of`.
+    """
+    for where, mover in movers.items():
+        if not isinstance(mover, ALLOWED[frame]):
+            kinds = ", ".join(f"!{kind.__name__}" for kind in ALLOWED[frame])
+            raise UserError(f"{where}: !{type(mover).__name__} is not allowed in frame {frame}; {kinds}")
+    found = {}
+    orbits = {where: mover for where, mover in movers.items() if isinstance(mover, Kepler | PositionVelocity | Offset)}
+    if orbits:
+        found = _orbits(orbits, setting, constants)
+    for where, mover in movers.items():
+        if where not in found:
+            with _named(where):
+                found[where] = _native(mover, frame, setting, constants, where)
+    return [_turned(*found[where], frame, constants.earth_rate) for where in movers]
+
+
+@contextmanager
+def _named(where: str) -> Iterator[None]:
+    """Name the field that a block refuses."""
     try:
-        native, axes = _native(mover, frame, setting, constants, where)
+        yield
     except UserError:
         raise
     except ValueError as error:
         raise UserError(f"{where}: {error}") from error
-    rate = constants.earth_rate
+
+
+def _turned(native: Path, axes: str, frame: str, rate: float) -> Path:
     if axes == frame or axes == "any":
         return native
     if frame == "earth_fixed":
         return lambda t: inertial_to_earth_fixed(native(t), t, rate)
     return lambda t: earth_fixed_to_inertial(native(t), t, rate)
+
+
+def _orbits(
+    movers: Mapping[str, Kepler | PositionVelocity | Offset], setting: Setting, constants: GravityConstants
+) -> dict[str, tuple[Path, str]]:
+    """Return the inertial paths of satellites, of one solution for all of them."""
+    states = {where: initial_state(one, setting.reference, constants, where) for where, one in movers.items()}
+
+    def solved(*names: str) -> DenseOrbit:
+        begin = np.array([states[where] for where in names])
+        return DenseOrbit(begin, setting.duration, constants=constants, j2=constants.j2 != 0, name=names[0])
+
+    try:
+        orbit = solved(*movers)
+    except ValueError:
+        for where in movers:  # the one that cannot be says so by its own name
+            with _named(where):
+                solved(where)
+        raise
+    last: dict[float, Array] = {}
+
+    def at(i: int, t: float) -> Array:
+        if t not in last:  # all of them are asked for the same time, one after the other
+            last.clear()
+            last[t] = orbit.at(t)
+        return last[t][i]
+
+    return {where: (partial(at, i), "inertial") for i, where in enumerate(movers)}
 
 
 def _native(mover: Mover, frame: str, setting: Setting, constants: GravityConstants, where: str) -> tuple[Path, str]:
@@ -100,8 +163,6 @@ def _native(mover: Mover, frame: str, setting: Setting, constants: GravityConsta
         return rocket_path(mover, setting.duration, constants, where), "earth_fixed"
     if isinstance(mover, Waypoints):
         return _way(mover, frame, where)
-    if isinstance(mover, Kepler | PositionVelocity):
-        return _orbit(mover, setting.duration, constants, where), "inertial"
     if isinstance(mover, Fixed):
         place = np.array([mover.east_km * _KM, mover.north_km * _KM, mover.up_m, 0.0, 0.0, 0.0])
         return lambda t: place, "local"
@@ -112,12 +173,15 @@ def _native(mover: Mover, frame: str, setting: Setting, constants: GravityConsta
                 _three(mover.velocity_mps, f"{where}.velocity_mps"),
             ]
         )
-        return lambda t: begin + t * np.concatenate([begin[3:], np.zeros(3)]), "any"
-    course, speed = (mover.course_deg, mover.speed_mps) if isinstance(mover, GreatCircle) else (0.0, 0.0)
+        return lambda t: straight_line(begin, t), "any"
+    assert isinstance(mover, Geodetic | GreatCircle | StraightLine)
+    course, speed = (0.0, 0.0) if isinstance(mover, Geodetic) else (mover.course_deg, mover.speed_mps)
     angles = math.radians(mover.latitude_deg), math.radians(mover.longitude_deg)
     begin = geodetic_state(*angles, mover.height_m, math.radians(course), speed)
     if speed == 0:
         return lambda t: begin, "earth_fixed"
+    if isinstance(mover, StraightLine):
+        return lambda t: straight_line(begin, t), "earth_fixed"
     circle = great_circle(begin)
     return lambda t: circle.state(t), "earth_fixed"
 
@@ -140,25 +204,6 @@ def _way(mover: Waypoints, frame: str, where: str) -> tuple[Path, str]:
     latitude, longitude = np.radians(points).T
     level = LevelWaypointPath(latitude, longitude, mover.height_m, mover.speed_mps, turn)
     return level.at, "earth_fixed"
-
-
-def _orbit(mover: Kepler | PositionVelocity, duration: float, constants: GravityConstants, where: str) -> Path:
-    if isinstance(mover, Kepler):
-        elements = KeplerElements(
-            mover.semi_major_axis_km * _KM,
-            mover.eccentricity,
-            math.radians(mover.inclination_deg),
-            math.radians(mover.raan_deg),
-            math.radians(mover.argument_of_perigee_deg),
-            mean_anomaly(math.radians(mover.true_anomaly_deg), mover.eccentricity),
-        )
-        state = state_of(elements, constants.mu)
-    else:
-        state = _KM * np.concatenate(
-            [_three(mover.position_km, f"{where}.position_km"), _three(mover.velocity_kmps, f"{where}.velocity_kmps")]
-        )
-    orbit = DenseOrbit(state[None], duration, constants=constants, j2=constants.j2 != 0, name=where)
-    return lambda t: orbit.at(t)[0]
 
 
 def _three(value: Sequence[float], where: str) -> Array:

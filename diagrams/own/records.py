@@ -6,7 +6,7 @@ import csv
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path as FilePath
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from diagrams.doptrack_data import teme_to_earth_fixed
 from diagrams.errors import UserError
+from diagrams.formation import ReferenceOrbit
 from diagrams.instants import instant
 from diagrams.own.movers import Sp3, Tle, Track
 from systems.files import Unreadable, read_text, regular_size
@@ -54,11 +55,14 @@ class Setting:
         Date and time of t = 0.
     folder : Path
         What relative paths are relative to.
+    reference : ReferenceOrbit
+        What !Offset is counted from.
     """
 
     duration: float
     start: str | None
     folder: FilePath
+    reference: ReferenceOrbit = field(default_factory=ReferenceOrbit)
 
     def began(self) -> tuple[int, float] | None:
         """Return t = 0 as seconds since 1970, whole and rest; None without a date."""

@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Union
 
-from diagrams.formation import Constants
+from diagrams.formation import Constants, ReferenceOrbit
 from diagrams.own.movers import Fixed, Mover, RandomMotion
 from diagrams.own.sensors import Sensor
 from diagrams.own.starts import KnownHeight, Snapshot
@@ -69,7 +69,8 @@ class Belief:
         "how the target moves", factory=WhiteNoiseAcceleration
     )
     sensors: dict[str, Sensor] = documented(
-        "sensors that are believed to be otherwise than they are, by name and in full", factory=dict
+        "sensors, or kinds of a !Joint, that are believed to be otherwise than they are, by name and in full",
+        factory=dict,
     )
     walk_hz2ps: float | None = number(
         "variance that the oscillator gains per second [Hz^2/s]; null: as it does", None, at_least=0
@@ -116,6 +117,7 @@ class OwnScenario:
     duration_s: float = number("length of a run [s]", 100.0, above=0)
     divergence_m: float = number("a trial further off than this at the end has diverged [m]", 50e3, above=0)
     constants: Constants = documented("physical constants", factory=Constants)
+    reference_orbit: ReferenceOrbit = documented("what !Offset is counted from", factory=ReferenceOrbit)
     platforms: dict[str, Mover] = documented("what carries the sensors, by name", factory=dict)
     platform_errors: PlatformErrors = documented("how well the platforms are known", factory=PlatformErrors)
     target: Mover | RandomMotion = documented("what is looked for", factory=Fixed)

@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
-from diagrams.assembly.bus import Bus
 from diagrams.errors import UserError, choose
-from diagrams.own.places import Places
+from diagrams.own.kinds import Kind, Phase
+from diagrams.own.places import Places, Timed
 from diagrams.own.schema import OwnScenario
-from diagrams.own.sensors import Bearing, Sensor, Tdoa, Toa
-from diagrams.parts.impairment import Impaired, Mount
-from diagrams.sensor_errors import refuse
+from diagrams.own.sensors import Joint, Sensor
 from systems.clocks import Periodic
+from systems.estimators.options import EstimatorOptions
 from systems.measurement.base import MeasurementModel
-from systems.measurement.bearing import Bearing as BearingModel
+from systems.measurement.chosen import only
 from systems.measurement.custom import CustomMeasurement
-from systems.measurement.differenced import Differenced
+from systems.measurement.phase import InterferometerPhase
+from systems.measurement.stack import Stack
 from systems.measurement.visibility import ElevationMask
-from systems.plants.joined import Joined
 
-__all__ = ["NAME", "PlacedSensor", "Together", "differentiated", "impaired", "placed_sensors"]
+__all__ = ["NAME", "Measured", "PlacedSensor", "differentiated", "placed_sensors", "used_rows"]
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 """What a platform or a sensor may be called: rows and blocks are named after them."""
@@ -38,9 +37,7 @@ _TAKEN = {
     "measurement",
     "measurements",
     "oscillator",
-}
-_TAKEN |= {
-    "assumed_height",
+    "phase_resolver",
     "platform_error",
     "platforms",
     "prediction",
@@ -54,32 +51,97 @@ _ENDS = ("_raw", "_reading_error", "_attitude_error")
 
 
 @dataclass(frozen=True)
-class PlacedSensor:
-    """A sensor with its name, as it is and as it is believed to be."""
+class Measured:
+    """One kind of measurement: a sensor of its own, or one of the kinds of a joint one.
+
+    Attributes
+    ----------
+    name : str
+        What estimators choose it by.
+    where : str
+        Its field, for messages.
+    field : Kind
+    timed : Timed
+        When it is measured, and what hides the target.
+    real : MeasurementModel
+        As it is.
+    believed : MeasurementModel
+        As estimators believe it to be.
+    links : sequence of InterferometerPhase
+        Shorter baselines that resolve its phases.
+    """
 
     name: str
-    field: Sensor
+    where: str
+    field: Kind
+    timed: Timed
     real: MeasurementModel
     believed: MeasurementModel
+    links: Sequence[InterferometerPhase] = ()
 
     @property
     def clock(self) -> Periodic:
-        """When it measures."""
-        return Periodic(self.field.every_s, self.field.offset_s)
+        """When it is measured."""
+        return Periodic(self.timed.every_s, self.timed.offset_s)
 
     @property
     def mask(self) -> ElevationMask | None:
         """What hides the target; None: nothing."""
-        elevation = self.field.minimum_elevation_deg
-        return None if elevation is None else ElevationMask(math.radians(elevation), cast(Any, self.field.elevation_at))
+        elevation = self.timed.minimum_elevation_deg
+        return None if elevation is None else ElevationMask(math.radians(elevation), cast(Any, self.timed.elevation_at))
+
+    @property
+    def resolved(self) -> bool:
+        """Whether its wrapped phases are made unambiguous before the estimators get them."""
+        return isinstance(self.field, Phase) and bool(self.field.resolved_by or self.field.chain_m)
+
+    @property
+    def cleared(self) -> MeasurementModel:
+        """As estimators believe it to be once its phases are resolved, if anything resolves them."""
+        return _unambiguous(self.believed) if self.resolved else self.believed
+
+    def believed_by(self, options: EstimatorOptions) -> MeasurementModel:
+        """Return what an estimator is given: of one that resolves phases itself, as if they were unambiguous."""
+        return _unambiguous(self.believed) if options.resolves_phases else self.cleared
+
+
+def _unambiguous(model: MeasurementModel) -> MeasurementModel:
+    return model.unambiguous() if isinstance(model, InterferometerPhase) else model
+
+
+@dataclass(frozen=True)
+class PlacedSensor:
+    """A sensor with its name and all kinds of measurement that it makes."""
+
+    name: str
+    field: Sensor
+    kinds: Sequence[Measured]
+
+    @property
+    def models(self) -> list[MeasurementModel]:
+        """What it measures, part by part."""
+        return [model for kind in self.kinds for model in (kind.real, *kind.links)]
+
+    @property
+    def real(self) -> MeasurementModel:
+        """What it measures."""
+        return self.models[0] if len(self.models) == 1 else Stack(self.models)
+
+    @property
+    def clock(self) -> Periodic:
+        """When it measures."""
+        return self.kinds[0].clock
+
+    @property
+    def mask(self) -> ElevationMask | None:
+        """What hides the target; None: nothing."""
+        return self.kinds[0].mask
 
 
 def placed_sensors(scenario: OwnScenario, places: Places) -> list[PlacedSensor]:
     """Return the sensors of a scenario, checked."""
     if not scenario.sensors:
         raise UserError("sensors: none is given; at least one is needed")
-    for name in scenario.belief.sensors:
-        choose("belief.sensors", name, scenario.sensors)
     found: list[PlacedSensor] = []
     for name, field in scenario.sensors.items():
         where = f"sensors.{name}"
@@ -90,28 +152,130 @@ def placed_sensors(scenario: OwnScenario, places: Places) -> list[PlacedSensor]:
         if field.offset_s > scenario.duration_s:
             raise UserError(f"{where}.offset_s: {field.offset_s:g} is not allowed; at most duration_s")
         _check_name(name, where, scenario)
-        real = _model(field, places, where)
-        assumed = scenario.belief.sensors.get(name)
-        believed = real if assumed is None else _model(assumed, places, f"belief.sensors.{name}")
-        if list(believed.names) != list(real.names):
-            raise UserError(
-                f"belief.sensors.{name}: rows {list(believed.names)} are not allowed; the sensor has {list(real.names)}"
-            )
-        for other in found:
-            twice = [row for row in real.names if row in other.real.names]
-            if twice:
-                raise UserError(f"{where}: row {twice[0]} is not allowed; sensors.{other.name} has it already")
-        found.append(PlacedSensor(name, field, real, believed))
+        found.append(PlacedSensor(name, field, _measured(name, field, scenario, places)))
+    _check_apart(found)
+    known = [one.name for one in found] + [kind.name for one in found for kind in one.kinds]
+    for name in scenario.belief.sensors:
+        choose("belief.sensors", name, dict.fromkeys(known))
     return found
+
+
+def used_rows(sensors: Sequence[PlacedSensor], options: EstimatorOptions, name: str) -> MeasurementModel:
+    """Return what an estimator believes to be measured: the sensors, kinds and rows that it names, or all."""
+    kinds = [kind for one in sensors for kind in one.kinds]
+    models = {kind.name: kind.believed_by(options) for kind in kinds}
+    if not options.measurements:
+        return _side_by_side(list(models.values()))
+    joint = {one.name: [kind.name for kind in one.kinds] for one in sensors}
+    rows = {row: kind for kind, model in models.items() for row in model.names}
+    wanted: dict[str, set[str]] = {}
+    for chosen in options.measurements:
+        choose(f"estimators.{name}.measurements", chosen, dict.fromkeys([*joint, *models, *rows]))
+        whole = [chosen] if chosen in models else joint.get(chosen, [])
+        for kind in whole:
+            wanted.setdefault(kind, set()).update(models[kind].names)
+        if not whole:
+            wanted.setdefault(rows[chosen], set()).add(chosen)
+    return _side_by_side(
+        [
+            model
+            if wanted[kind] == set(model.names)
+            else only(model, [row for row in model.names if row in wanted[kind]])
+            for kind, model in models.items()
+            if kind in wanted
+        ]
+    )
+
+
+def _side_by_side(models: Sequence[MeasurementModel]) -> MeasurementModel:
+    return models[0] if len(models) == 1 else Stack(models)
 
 
 def differentiated(sensors: Sequence[PlacedSensor]) -> str:
     """Return a note on the models that have no Jacobian of their own; empty where all have one."""
-    models = {one.name: one.believed for one in sensors}
+    models = {kind.name: kind.believed for one in sensors for kind in one.kinds}
     names = [name for name, m in models.items() if isinstance(m, CustomMeasurement) and not m.has_jacobian]
     if not names:
         return ""
     return f"Jacobian of {', '.join(names)}: central differences, as the class has none of its own."
+
+
+def _measured(name: str, field: Sensor, scenario: OwnScenario, places: Places) -> list[Measured]:
+    """Return the kinds of measurement that a sensor makes."""
+    where, beliefs = f"sensors.{name}", scenario.belief.sensors
+    if not isinstance(field, Joint):
+        return [_kind(name, where, field, field, beliefs, places)]
+    if not field.kinds:
+        raise UserError(f"{where}.kinds: none is given; at least one is needed, such as tdoa: !Tdoa {{}}")
+    whole = beliefs.get(name)
+    if whole is not None and (not isinstance(whole, Joint) or set(whole.kinds) != set(field.kinds)):
+        raise UserError(f"belief.sensors.{name}: it is not as sensors.{name}; a !Joint of {', '.join(field.kinds)}")
+    found = []
+    for kind, part in field.kinds.items():
+        _check_name(kind, f"{where}.kinds", scenario)
+        assumed: Mapping[str, Any] = beliefs
+        path = "belief.sensors"
+        if isinstance(whole, Joint):
+            if kind in beliefs:
+                raise UserError(f"belief.sensors.{kind}: it is not allowed beside belief.sensors.{name}, which has it")
+            assumed, path = whole.kinds, f"belief.sensors.{name}.kinds"
+        found.append(_kind(kind, f"{where}.kinds.{kind}", part, field, assumed, places, path))
+    return found
+
+
+def _kind(
+    name: str,
+    where: str,
+    field: Kind,
+    timed: Timed,
+    beliefs: Mapping[str, Any],
+    places: Places,
+    path: str = "belief.sensors",
+) -> Measured:
+    """Return one kind of measurement, as it is and as it is believed to be."""
+    real = believed = _model(field, places, where)
+    links = field.chain(places, where) if isinstance(field, Phase) else []
+    if name in beliefs:
+        assumed, path = beliefs[name], f"{path}.{name}"
+        if isinstance(assumed, Joint):
+            raise UserError(f"{path}: !Joint is not allowed; {where} is a !{type(field).__name__}")
+        if isinstance(assumed, Phase) and isinstance(field, Phase):
+            _check_resolved_alike(assumed, field, path, where)
+        believed = _model(assumed, places, path)
+    if list(believed.names) != list(real.names):
+        raise UserError(f"{path}: rows {list(believed.names)} are not allowed; the sensor has {list(real.names)}")
+    return Measured(name, where, field, timed, real, believed, links)
+
+
+def _check_resolved_alike(assumed: Phase, field: Phase, path: str, where: str) -> None:
+    """Refuse a belief in another way of resolving phases, which would be silently left out."""
+    for one in ("resolved_by", "chain_m"):
+        value = getattr(assumed, one)
+        if value and value != getattr(field, one):
+            raise UserError(f"{path}.{one}: {value} is not allowed; how phases are resolved is said in {where}")
+
+
+def _check_apart(sensors: Sequence[PlacedSensor]) -> None:
+    """Refuse names and rows that are there twice."""
+    names: dict[str, str] = {}
+    rows: dict[str, str] = {}
+    for one in sensors:
+        mine = {one.name: f"sensors.{one.name}"}
+        if isinstance(one.field, Joint):
+            for kind in one.kinds:
+                if kind.name in mine:
+                    raise UserError(f"{kind.where}: the name {kind.name} is not allowed; the sensor has it itself")
+                mine[kind.name] = kind.where
+        for name, where in mine.items():
+            if name in names:
+                raise UserError(f"{where}: the name {name} is not allowed; {names[name]} has it already")
+        names |= mine
+        for kind in one.kinds:
+            for model in (kind.real, *kind.links):
+                for row in model.names:
+                    if row in rows:
+                        raise UserError(f"{kind.where}: row {row} is not allowed; {rows[row]} has it already")
+                    rows[row] = kind.where
 
 
 def _check_name(name: str, where: str, scenario: OwnScenario) -> None:
@@ -121,47 +285,10 @@ def _check_name(name: str, where: str, scenario: OwnScenario) -> None:
         raise UserError(f"{where}: the name {name} is not allowed; something else in the diagram has it")
 
 
-def _model(field: Sensor, places: Places, where: str) -> MeasurementModel:
+def _model(field: Kind, places: Places, where: str) -> MeasurementModel:
     try:
         return field.model(places, where)
     except UserError:
         raise
     except ValueError as error:
         raise UserError(f"{where}: {error}") from error
-
-
-def impaired(one: PlacedSensor, frame: str) -> Impaired:
-    """Return the part that spoils what a sensor reads; a `UserError` names errors that it cannot have."""
-    where, model = f"sensors.{one.name}.errors", one.real
-    refused = {"platform": "platform_errors says how well the platforms are known"}
-    mounts, clocks = [], {}
-    if isinstance(one.field, Bearing) and isinstance(model, BearingModel) and frame == "local":
-        mounts = [Mount(model.names, model.platform)]
-    else:
-        refused["attitude"] = "only a !Bearing in local axes has a direction that it may be off in"
-    if isinstance(one.field, Tdoa | Toa) and isinstance(model, Differenced):
-        pairs = zip(model.names, model.receivers, strict=True)
-        clocks = {row: (receiver, model.reference) for row, receiver in pairs}
-    else:
-        refused["clock_offset"] = "only a !Tdoa or a !Toa compares clocks"
-    refuse(one.field.errors, where, refused)
-    raw = f"{one.name}_raw"
-    return Impaired(
-        model, one.clock, one.field.errors, mounts, clocks, takes=one.name, gives=[raw], prefix=f"{one.name}_"
-    )
-
-
-@dataclass(frozen=True)
-class Together:
-    """All sensors' rows side by side; a sensor off its own clock has none. Publishes ``measurement``."""
-
-    names: Sequence[str]
-
-    def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
-        raw = {name: f"{name}_raw" for name in self.names}
-        if len(raw) == 1:
-            bus.publish(measurement=bus[next(iter(raw.values()))])
-            return
-        shapes = {name: bus.shape(signal) for name, signal in raw.items()}
-        bus.add(Joined(shapes, "measurements"), gives={"measurement": "state"}, takes=raw)

@@ -14,15 +14,17 @@ from numpy.typing import NDArray
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Assumed, Model, Part
 from diagrams.assembly.system import System
-from diagrams.errors import UserError, choose
+from diagrams.errors import UserError
 from diagrams.formation import gravity_constants
 from diagrams.own.beginning import Surroundings, begin
+from diagrams.own.impairing import Together, impaired
 from diagrams.own.movers import Mover, RandomMotion, Tle
-from diagrams.own.paths import Path, path_of
+from diagrams.own.paths import Path, path_of, paths_of
 from diagrams.own.places import Places
 from diagrams.own.records import Setting, old_elements
+from diagrams.own.resolving import phase_resolvers
 from diagrams.own.schema import OwnScenario
-from diagrams.own.sensing import NAME, PlacedSensor, Together, differentiated, impaired, placed_sensors
+from diagrams.own.sensing import NAME, PlacedSensor, differentiated, placed_sensors, used_rows
 from diagrams.own.target import Target, target_motion, true_motion, with_bias
 from diagrams.parts.impairment import KnownPlatforms
 from diagrams.parts.movers import Platforms
@@ -30,8 +32,6 @@ from diagrams.parts.sensing import TargetSensor
 from diagrams.scenario import read_yaml
 from systems.clocks import Clock, Merged
 from systems.estimators.options import EstimatorOptions
-from systems.measurement.base import MeasurementModel
-from systems.measurement.stack import Stack
 from systems.plants.path import Path as PathBlock
 
 __all__ = ["OwnScenario", "declare", "own_system"]
@@ -39,14 +39,6 @@ __all__ = ["OwnScenario", "declare", "own_system"]
 Array = NDArray[np.float64]
 
 _OSCILLATOR = 6  # where its error stands in the state
-
-
-def _stacked(believed: Sequence[PlacedSensor], options: EstimatorOptions, name: str) -> MeasurementModel:
-    names = [one.name for one in believed]
-    for kind in options.measurements:
-        choose(f"estimators.{name}.measurements", kind, names)
-    used = [one.believed for one in believed if not options.measurements or one.name in options.measurements]
-    return used[0] if len(used) == 1 else Stack(used)
 
 
 def _check_seen(scenario: OwnScenario, sensors: Sequence[PlacedSensor], target: Path, platforms: Path) -> None:
@@ -73,9 +65,9 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
     if not scenario.platforms:
         raise UserError("platforms: none is given; at least one is needed")
     constants, frame, duration = gravity_constants(scenario.constants), scenario.frame, scenario.duration_s
-    setting = Setting(duration, scenario.start_utc, folder)
+    setting = Setting(duration, scenario.start_utc, folder, scenario.reference_orbit)
     setting.began()
-    paths = [path_of(m, frame, setting, constants, f"platforms.{n}") for n, m in scenario.platforms.items()]
+    paths = paths_of({f"platforms.{name}": one for name, one in scenario.platforms.items()}, frame, setting, constants)
     numbers = {name: i for i, name in enumerate(scenario.platforms)}
     for name in numbers:
         if not NAME.fullmatch(name):
@@ -92,17 +84,22 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         return np.concatenate([one(t) for one in paths])
 
     _check_seen(scenario, sensors, path, carriers)
-    rows = [row for one in sensors for row in one.real.names]
-    start, needed = begin(Surroundings(scenario, sensors, clock, motion.size, path, carriers, setting))
+    kinds = [kind for one in sensors for kind in one.kinds]
+    start, needed = begin(Surroundings(scenario, kinds, clock, motion.size, path, carriers, setting))
+    resolvers = phase_resolvers(scenario, kinds, motion.size)
 
     def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
-        return Assumed(_stacked(sensors, options, name), motion, start, rows)
+        raw = options.resolves_phases or not resolvers.each
+        seen = list(resolvers.rows) if raw else resolvers.on(bus)
+        takes = {"measurement": "raw"} if raw and resolvers.each else {}
+        return Assumed(used_rows(sensors, options, name), motion, start(name, options, seen), seen, takes)
 
     parts: list[Part] = [Platforms(lambda: PathBlock(carriers, "carriers", 6 * len(paths)))]
     parts.append(Target(scenario, flight, path, clock))
     for one in sensors:
         parts += [TargetSensor(one.name, one.real, one.clock, one.mask), impaired(one, frame)]
-    parts.append(Together([one.name for one in sensors]))
+    signals = ["raw", "measurement"] if resolvers.each else ["measurement"]
+    parts.append(Together([one.name for one in sensors], signals))
     parts.append(KnownPlatforms(scenario.platform_errors.sigma_position_m, scenario.platform_errors.sigma_velocity_mps))
     parts += needed
     return Model(
@@ -115,7 +112,8 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         truth_states=motion.names,
         platforms=list(numbers),
         frame=frame,
-        rows=rows,
+        signals=resolvers.signals,
+        rows=resolvers.rows,
         note=" ".join(note for note in (differentiated(sensors), _note(scenario, mover, setting)) if note),
     )
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from diagrams.assembly.bus import Bus
 from diagrams.errors import UserError
 from diagrams.formation import gravity_constants
-from diagrams.own.movers import Fixed, Geodetic, Kepler, PositionVelocity, RandomMotion, Straight
+from diagrams.own.movers import Fixed, Geodetic, Kepler, Offset, PositionVelocity, RandomMotion, Straight, StraightLine
 from diagrams.own.paths import Path
 from diagrams.own.schema import ConstantVelocity, Orbital, Oscillator, OwnScenario
 from diagrams.parts.movers import ModelTarget
@@ -62,10 +62,12 @@ def true_motion(scenario: OwnScenario, believed: MotionModel) -> MotionModel | N
     target, motion = scenario.target, None
     if isinstance(target, RandomMotion):
         motion = believed
-    elif isinstance(target, Kepler | PositionVelocity) and scenario.frame == "inertial":
+    elif isinstance(target, Kepler | PositionVelocity | Offset) and scenario.frame == "inertial":
         constants = gravity_constants(scenario.constants)
         motion = OrbitalMotion(constants, constants.j2 != 0)
-    elif isinstance(target, Fixed | Straight) or (isinstance(target, Geodetic) and scenario.frame == "earth_fixed"):
+    elif isinstance(target, Fixed | Straight) or (
+        isinstance(target, Geodetic | StraightLine) and scenario.frame == "earth_fixed"
+    ):
         motion = constant_velocity.ConstantVelocity(0.0)
     return None if motion is None else with_bias(scenario, motion, None)
 

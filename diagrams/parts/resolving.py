@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from diagrams.assembly.bus import Bus
 from systems.estimators.phase_resolver import PhaseResolver
-from systems.measurement.base import MeasurementModel
 from systems.measurement.phase import InterferometerPhase
 from systems.measurement.tdoa import Tdoa
 
@@ -20,26 +19,35 @@ class PhaseResolution:
 
     Attributes
     ----------
-    model : MeasurementModel
-        What is on ``raw``.
+    rows : sequence of str
+        What is on the signal that comes in.
     phase : InterferometerPhase
         The long baseline.
-    tdoa : Tdoa
-        For the fix.
+    tdoa : Tdoa, optional
+        For the fix; without a chain only.
     chain : sequence of InterferometerPhase
         Shorter baselines, from the shortest.
+    states : int
+        Components of the prediction that is fed back.
+    takes : str
+        The signal that comes in.
+    name : str
+        Of the block.
     """
 
-    model: MeasurementModel
+    rows: Sequence[str]
     phase: InterferometerPhase
-    tdoa: Tdoa
+    tdoa: Tdoa | None = None
     chain: Sequence[InterferometerPhase] = ()
+    states: int = 6
+    takes: str = "raw"
+    name: str = "phase_resolver"
 
     def on(self, bus: Bus) -> list[str]:
         """Return the names of the rows that come out of the resolver, which is added if it is not there yet."""
-        if "phase_resolver.measurement" not in bus:
+        if f"{self.name}.measurement" not in bus:
             self(bus)
-        block = bus["phase_resolver.measurement"].get_system()
+        block = bus[f"{self.name}.measurement"].get_system()
         assert isinstance(block, PhaseResolver)
         return list(block.stream)
 
@@ -47,11 +55,19 @@ class PhaseResolution:
         """See `diagrams.assembly.model.Part`."""
         known_trials, numbers = bus.shape("known")
         block = PhaseResolver(
-            self.model.names, self.phase, self.tdoa, bus.trials, numbers // 6, self.chain, known_trials
+            self.rows,
+            self.phase,
+            self.tdoa,
+            bus.trials,
+            numbers // 6,
+            self.chain,
+            known_trials,
+            self.states,
+            self.name,
         )
         bus.add(
             block,
             gives={"measurement": "measurement"},
-            takes={"measurement": "raw", "platforms": "known"},
+            takes={"measurement": self.takes, "platforms": "known"},
             feedback={} if self.chain else {"prediction": "prediction"},
         )

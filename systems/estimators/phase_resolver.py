@@ -73,12 +73,16 @@ class PhaseResolver(EnsembleBlock):
         Names of the rows that come in.
     phase : InterferometerPhase
         The long baseline.
-    tdoa : Tdoa
-        For the fix.
+    tdoa : Tdoa, optional
+        For the fix; without a chain only.
     trials, platforms : int
         Trials, and number of carriers on the platforms port.
     chain : sequence of InterferometerPhase
         Shorter baselines, from the shortest; their rows are ``phase_a_1`` ... for the shortest.
+    platform_trials : int
+        Trials of the platforms' states.
+    states : int
+        Components of the prediction, of which the first six are place and velocity.
     name : str
         Name of the block.
     """
@@ -87,16 +91,19 @@ class PhaseResolver(EnsembleBlock):
         self,
         stream: Sequence[str],
         phase: InterferometerPhase,
-        tdoa: Tdoa,
+        tdoa: Tdoa | None,
         trials: int,
         platforms: int,
         chain: Sequence[InterferometerPhase] = (),
         platform_trials: int = 1,
+        states: int = 6,
         name: str = "phase_resolver",
     ) -> None:
         super().__init__(name)
         self._phase, self._tdoa, self._platforms = phase, tdoa, platforms
         self._chain = list(chain)
+        if tdoa is None and not self._chain:
+            raise ValueError(f"{name}: phases are resolved by TDOAs or by a chain of baselines; neither is there")
         lengths = [part.baseline for part in [*self._chain, phase]]
         if lengths != sorted(lengths):
             raise ValueError(f"chain of baselines: {lengths} must increase")
@@ -110,13 +117,13 @@ class PhaseResolver(EnsembleBlock):
         self.stream = [row for row in stream if row not in links]
         self._kept = [stream.index(row) for row in self.stream]
         self._phase_rows = [self.stream.index(row) for row in phase.names]
-        self._tdoa_rows = [stream.index(row) for row in tdoa.names]
+        self._tdoa_rows = [] if tdoa is None else [stream.index(row) for row in tdoa.names]
         self._link_rows = [[stream.index(row) for row in self.link_names(phase, i)] for i in range(len(self._chain))]
 
         self.declare_input("measurement", trials, len(stream))
         self.declare_input("platforms", platform_trials, 6 * platforms)
         if not self._chain:
-            self.declare_input("prediction", trials, 6)
+            self.declare_input("prediction", trials, states)
         inputs = {self.input_port_ticket(self.get_input_port(i).get_index()) for i in range(self.num_input_ports())}
         self._resolved = self.declare_cached("resolved", PhaseResolver._calc, inputs)
         ticket = {self.cached_ticket(self._resolved)}
@@ -152,7 +159,8 @@ class PhaseResolver(EnsembleBlock):
         prediction = self.read(context, "prediction")
         platforms = self.read(context, "platforms").reshape(-1, self._platforms, 6)
         height = vertical(prediction[:, :3])[1]
-        place, velocity = prediction[:, :3], prediction[:, 3:]
+        place, velocity = prediction[:, :3], prediction[:, 3:6]
+        assert self._tdoa is not None
         delays = stream[:, self._tdoa_rows]
         fix = wave_front_fix(self._tdoa, delays, platforms, height, start=place, velocity=velocity)
         target = np.concatenate([fix, np.zeros_like(fix)], axis=-1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import Literal
 
 import numpy as np
@@ -93,6 +94,19 @@ class InterferometerPhase(SightedModel):
         self._rows = ["ab".index(axis) for axis in axes]
         self.names = tuple(f"phase_{axis}" for axis in axes)
         self.units = ("rad",) * len(self.names)
+
+    def only(self, names: Sequence[str]) -> InterferometerPhase:
+        """Return the same interferometer with the baselines of rows `names` alone."""
+        found, rows = copy(self), [i for i, row in enumerate(self.names) if row in names]
+        found._rows = [self._rows[i] for i in rows]
+        found.names, found.units = tuple(self.names[i] for i in rows), ("rad",) * len(rows)
+        return found
+
+    def unambiguous(self) -> InterferometerPhase:
+        """Return the same interferometer with phases that are not wrapped."""
+        found = copy(self)
+        found.wrapped = False
+        return found
 
     @property
     def cycles(self) -> float:

@@ -22,6 +22,7 @@ from systems.filters.unscented import UnscentedKalman
 from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed
 from systems.measurement.altitude import Altitude
 from systems.measurement.bearing import Bearing
+from systems.measurement.chosen import ChosenRows
 from systems.measurement.component import Component
 from systems.measurement.custom import CustomMeasurement
 from systems.measurement.direct_azimuth import DirectAzimuth
@@ -237,6 +238,10 @@ MEASUREMENTS = {
     "azimuth and elevation over the horizon": (HorizonBearing(0.02, 0.01, platform=1), "stations"),
     "frequency": (Frequency(2.0, 4e8, [1, 3]), "stations"),
     "component": (Component(2, 30.0, "height", "m"), "stations"),
+    "chosen rows": (
+        ChosenRows(Stack([HorizonBearing(0.02, 0.01, platform=1), Range(5.0, [0, 2, 3])]), ["range_2", "azimuth"]),
+        "stations",
+    ),
     "tdoa and altitude, stations": (
         Stack([Tdoa(50e-9, correlated=True, **_STATIONS), Altitude(30.0, "barometric")]),
         "stations",
