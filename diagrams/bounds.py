@@ -17,8 +17,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from diagrams.assembly.build import Assembly
-from diagrams.metrics import NEEDED, QUANTITIES
 from diagrams.posterior_bound import bound_steps
+from diagrams.state_errors import NEEDED, QUANTITIES
 from diagrams.states import POSITION, VELOCITY, CarriedMotion, Moves, block, columns, shared, translated
 from systems.estimators.base import Estimator
 from systems.frames import up
@@ -60,7 +60,7 @@ def bound_squares(
     Returns
     -------
     ndarray, shape (6, ...)
-        In the order of `diagrams.metrics.QUANTITIES`: trace of the position part [m^2], variance along the
+        In the order of `diagrams.state_errors.QUANTITIES`: trace of the position part [m^2], variance along the
         ellipsoid's normal [m^2], trace of the velocity part [m^2/s^2], variance of the velocity along the horizontal
         course [m^2/s^2] and, across it, of the course [deg^2], variance of the bias. NaN for what is not in the
         state, and for the course of a target at rest. (That the local axes turn with the place, 1e-7 rad/m, is left

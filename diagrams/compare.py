@@ -28,10 +28,13 @@ from diagrams.assembly.lineup import select_estimators
 from diagrams.assembly.model import Model
 from diagrams.assembly.system import System
 from diagrams.bootstrap import Interval, PairedBootstrap, Replicates, best_of, interval
+from diagrams.consistency import chi_square_band
 from diagrams.errors import UserError
-from diagrams.metrics import causal, chi_square_band, diverged, errors, median, not_started
+from diagrams.json_numbers import json_numbers
+from diagrams.metrics import causal, diverged, median, not_started
 from diagrams.score import Score
 from diagrams.starting import why_not_started
+from diagrams.state_errors import errors
 from diagrams.states import shared
 from diagrams.stopwatch import Stopwatch
 from diagrams.study import Study, join
@@ -47,7 +50,6 @@ __all__ = [
     "machine",
     "nearest_epoch",
     "nees_entry",
-    "plain",
     "prepare",
     "statistics",
 ]
@@ -351,7 +353,7 @@ def statistics(
         both = interval(found, confidence)
         row: dict[str, Any] = {"causal": causal(dataset, name)}
         row["rmse_position_m"], row["armse_position_m"] = (entry(both, i) for i in range(2))
-        row["median_position_m"] = plain(median(error).values[0, epoch])
+        row["median_position_m"] = json_numbers(median(error).values[0, epoch])
         row |= _efficiency(one, Interval(*(part[0] for part in both)), epoch)
         lost_now = np.isinf(error.values[0, :, epoch])
         row |= nees_entry(one["nees"].values[0, :, epoch], lost_now, study.states[name], draws, confidence)
@@ -359,7 +361,7 @@ def statistics(
         row["not_started"] = int(out.sum())
         tail = binomtest(lost, draws.trials).proportion_ci(confidence, "exact")
         row["diverged"], row["diverged_rate"] = lost, {"low": float(tail.low), "high": float(tail.high)}
-        row["cost_us"] = plain(costs[name])
+        row["cost_us"] = json_numbers(costs[name])
         rows[name] = row
 
     def finer() -> list[Replicates]:
@@ -434,7 +436,7 @@ def _efficiency(one: xr.Dataset, rmse: Interval, epoch: int) -> dict[str, Any]:
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = Interval(*(part / bound[epoch] for part in rmse))
     return {
-        "bound_position_m": plain(bound[epoch]),
+        "bound_position_m": json_numbers(bound[epoch]),
         "efficiency": entry(ratio),
         # the two bounds differ by the process noise only
         "efficiency_means_something": bool(np.isfinite(bound[epoch]) and np.allclose(bound, of_truth, rtol=1e-6)),
@@ -468,12 +470,7 @@ def nees_entry(
 
 def entry(found: Interval, index: int | tuple[()] = ()) -> dict[str, float | None]:
     """Return one value with its interval, as JSON has it."""
-    return {name: plain(np.asarray(part)[index]) for name, part in found._asdict().items()}
-
-
-def plain(value: Any) -> float | None:
-    """Return a Python float, None for what JSON cannot say."""
-    return float(value) if math.isfinite(value) else None
+    return {name: json_numbers(np.asarray(part)[index]) for name, part in found._asdict().items()}
 
 
 def machine() -> str:

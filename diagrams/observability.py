@@ -21,6 +21,7 @@ from diagrams.assembly.system import System
 from diagrams.bounds import alike, rows_present
 from diagrams.directions import direction_axes, named_components
 from diagrams.errors import UserError, texts
+from diagrams.json_numbers import json_numbers
 from diagrams.states import POSITION, VELOCITY, shared, translated
 from diagrams.study import Study
 from systems.estimators.base import Estimator
@@ -151,26 +152,22 @@ class Observability:
             "estimators": self.estimators,
             "rows": self.rows,
             "components": self.components,
-            "prior_sigma": _plain(self.prior_sigma),
+            "prior_sigma": json_numbers(self.prior_sigma),
             "units": self.units,
             "rank": s.rank.tolist(),
             "known": s.known.tolist(),
-            "condition": _plain(s.condition),
-            "sigma": [_plain(row) for row in s.sigma],
-            "weakest": [_plain(row) for row in self.weakest_shares],
-            "unknown": [_plain(row) for row in s.unknown(self.root)],
-            "variance_left": [_plain(row) for row in s.remaining(self.root)],
-            "observable_from_s": _plain([self.observable_from])[0],
+            "condition": json_numbers(s.condition),
+            "sigma": json_numbers(s.sigma),
+            "weakest": json_numbers(self.weakest_shares),
+            "unknown": json_numbers(s.unknown(self.root)),
+            "variance_left": json_numbers(s.remaining(self.root)),
+            "observable_from_s": json_numbers(self.observable_from),
             "verdict": self.verdict(),
         }
 
 
 def _sorted(names: Sequence[str], shares: Array) -> dict[str, float]:
     return {names[i]: float(shares[i]) for i in np.argsort(-shares, kind="stable")}
-
-
-def _plain(values: Any) -> list[float | None]:
-    return [float(value) if math.isfinite(value) else None for value in values]
 
 
 def share_words(shares: Mapping[str, float]) -> str:

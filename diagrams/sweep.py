@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from diagrams.assembly.find import Found, find
 from diagrams.assembly.system import System
 from diagrams.bootstrap import PairedBootstrap, Replicates, interval, log_ratio
-from diagrams.compare import ComparedStudy, entry, nearest_epoch, nees_entry, plain
+from diagrams.compare import ComparedStudy, entry, nearest_epoch, nees_entry
 from diagrams.errors import UserError, choose, texts
-from diagrams.metrics import diverged, errors, not_started
+from diagrams.json_numbers import json_numbers
+from diagrams.metrics import diverged, not_started
 from diagrams.scenario import natural_name
+from diagrams.state_errors import errors
 from diagrams.study import join
 
 __all__ = ["Sweep", "Vary", "parse_vary", "sweep", "sweep_statistics"]
@@ -246,7 +248,7 @@ def sweep_statistics(dataset: xr.Dataset, confidence: float = 0.95, resamples: i
         row: dict[str, Any] = {
             "rmse_position_m": [entry(rmse, k) for k in points],
             "rmse_ratio": [entry(type(ratio)(*(np.exp(part) for part in ratio)), k) for k in points],
-            "bound_position_m": [plain(value) for value in bound],
+            "bound_position_m": json_numbers(bound),
             "efficiency": [entry(type(rmse)(*(part / bound for part in rmse)), k) for k in points],
             "efficiency_means_something": [
                 bool(np.isclose(a, b, rtol=1e-6)) for a, b in zip(bound, of_truth, strict=True)

@@ -75,7 +75,7 @@ class BoundMap:
     present : ndarray of bool, shape (points, time, m), optional
         Which rows are measured.
     quantities : tuple of str
-        Of `diagrams.metrics.QUANTITIES`.
+        Of `diagrams.state_errors.QUANTITIES`.
     frame
         See `diagrams.assembly.model.Model`.
     equal : bool

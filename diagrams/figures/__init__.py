@@ -12,7 +12,8 @@ from diagrams.figures.errors import draw_error, draw_percentiles
 from diagrams.figures.ground import draw_ground
 from diagrams.figures.particles import draw_particle_health, particle_filters
 from diagrams.figures.style import save
-from diagrams.metrics import errors, rmse
+from diagrams.metrics import rmse
+from diagrams.state_errors import errors
 
 __all__ = ["study_figures"]
 

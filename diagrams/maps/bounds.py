@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from diagrams.assembly.map import BoundMap
 from diagrams.bounds import bound_squares
-from diagrams.metrics import QUANTITIES
 from diagrams.posterior_bound import bound_steps
 from diagrams.progress import Progress
+from diagrams.state_errors import QUANTITIES
 from diagrams.states import block, columns
 from systems.measurement.base import MeasurementModel
 

@@ -21,7 +21,7 @@ from diagrams.assembly.model import Model
 from diagrams.bounds import alike, rows_present
 from diagrams.errors import UserError
 from diagrams.maps.charts import Chart, chart_of
-from diagrams.metrics import NEEDED
+from diagrams.state_errors import NEEDED
 from diagrams.states import POSITION, VELOCITY, columns, shared, translated
 from systems.estimators.base import Estimator
 from systems.recorder import record

@@ -9,7 +9,7 @@ from diagrams.figures.verification import draw_verification
 from diagrams.output import OutputFolder
 from diagrams.tables import Column, Styled, Table, print_table
 from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED, WORDS
-from diagrams.verification.verify import Finding, Report, plain, verify
+from diagrams.verification.verify import Finding, Report, readable, verify
 
 __all__ = ["print_report", "verify_command"]
 
@@ -58,8 +58,8 @@ def _row(finding: Finding) -> list[str | Styled]:
         asked.name + (f" ({asked.case})" if asked.case else ""),
         asked.estimator,
         finding.metric,
-        plain(finding.estimate),
-        f"{plain(finding.lower)} to {plain(finding.upper)}",
+        readable(finding.estimate),
+        f"{readable(finding.lower)} to {readable(finding.upper)}",
         f"{finding.limit} {finding.unit}",
         Styled(WORDS[finding.verdict], style),
         str(finding.trials),

@@ -9,7 +9,8 @@ from diagrams.assembly.lineup import estimator_key
 from diagrams.assembly.source import beside
 from diagrams.errors import UserError, choose
 from diagrams.scenario import load, read_yaml
-from diagrams.verification.metric import Metric, MetricChoice, RmseRatio
+from diagrams.verification.metric import Metric
+from diagrams.verification.metrics import MetricChoice, RmseRatio
 from diagrams.verification.sequential import Limit, plan_looks
 from systems.documented import Allowed, count, documented, number, text
 

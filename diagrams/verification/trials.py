@@ -14,8 +14,9 @@ from diagrams.assembly.find import find
 from diagrams.assembly.lineup import estimator_key
 from diagrams.errors import UserError, choose
 from diagrams.study import Study
-from diagrams.verification.metric import RmseRatio, Run, View
+from diagrams.verification.metrics import RmseRatio
 from diagrams.verification.specification import Requirement, Specification
+from diagrams.verification.study_view import StudyFacts, View
 
 __all__ = ["GrowingStudy"]
 
@@ -60,7 +61,7 @@ class GrowingStudy:
         self._progress = progress
         options = _options(specification, path, case, self.requirements)
         self._study = Study(**options, trials=self.looks[-1], seed=seed)
-        self.run = Run(self._study.probe)
+        self.run = StudyFacts(self._study.probe)
         self.version = str(self._study.attributes()["version"])
         for i, requirement in enumerate(specification.requirements):
             if requirement.case == case:

@@ -56,8 +56,8 @@ class Finding:
         """The limit in words."""
         least, most = self.requirement.at_least, self.requirement.at_most
         if least is not None and most is not None:
-            return f"{plain(least)} to {plain(most)}"
-        return f">= {plain(least)}" if least is not None else f"<= {plain(most)}"
+            return f"{readable(least)} to {readable(most)}"
+        return f">= {readable(least)}" if least is not None else f"<= {readable(most)}"
 
     @property
     def metric(self) -> str:
@@ -70,8 +70,8 @@ class Finding:
         asked = self.requirement
         case = f" in case {asked.case}" if asked.case else ""
         return (
-            f"{asked.name}: {self.word}; {self.metric} of {asked.estimator}{case} is {plain(self.estimate)}"
-            f" [{plain(self.lower)}, {plain(self.upper)}]{unit}, limit {self.limit}{unit},"
+            f"{asked.name}: {self.word}; {self.metric} of {asked.estimator}{case} is {readable(self.estimate)}"
+            f" [{readable(self.lower)}, {readable(self.upper)}]{unit}, limit {self.limit}{unit},"
             f" confidence {asked.confidence:g}, {self.trials} trials"
         )
 
@@ -96,7 +96,7 @@ class Finding:
         }
 
 
-def plain(value: float | None) -> str:
+def readable(value: float | None) -> str:
     """Return a number with as many digits as mean something."""
     if value is None:
         return "-"

@@ -6,9 +6,10 @@ import pytest
 from diagrams.bearings_file import read_bearings
 from diagrams.catalogue import load_scenario
 from diagrams.errors import UserError
-from diagrams.metrics import errors, summarise
+from diagrams.metrics import summarise
 from diagrams.posterior_bound import posterior_bound
 from diagrams.replay import replay
+from diagrams.state_errors import errors
 from diagrams.study import Study, run_study
 from systems.measurement.bearing import Bearing
 from systems.motion.constant_velocity import ConstantVelocity

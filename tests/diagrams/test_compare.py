@@ -15,7 +15,8 @@ from diagrams.bootstrap import PairedBootstrap, interval
 from diagrams.catalogue import load_scenario
 from diagrams.compare import STANDARD, ComparedStudy, compare, line_up
 from diagrams.errors import UserError
-from diagrams.metrics import armse, errors, rmse
+from diagrams.metrics import armse, rmse
+from diagrams.state_errors import errors
 from diagrams.study import join
 from systems.registry import ESTIMATORS
 

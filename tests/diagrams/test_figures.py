@@ -9,7 +9,8 @@ from diagrams.figures.errors import draw_error
 from diagrams.figures.ground import draw_ground
 from diagrams.figures.particles import draw_particle_health, particle_filters
 from diagrams.figures.style import looks
-from diagrams.metrics import BOUNDS, convergence_time, errors, rmse
+from diagrams.metrics import convergence_time, rmse
+from diagrams.state_errors import BOUNDS, errors
 from systems.frames import geodetic_state
 from systems.motion.great_circle import straight_line
 from tests.diagrams.results import result

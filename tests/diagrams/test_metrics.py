@@ -4,21 +4,18 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from diagrams.consistency import chi_square_band, nees_statistics, nis_statistics
 from diagrams.metrics import (
     armse,
-    axis_errors,
     bias_and_spread,
-    chi_square_band,
     convergence_time,
     diverged,
-    errors,
     median,
-    nees_statistics,
-    nis_statistics,
     percentile,
     rmse,
     summarise,
 )
+from diagrams.state_errors import axis_errors, errors
 from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_state
 from tests.diagrams.results import level_flight, result
 

@@ -7,8 +7,10 @@ import pytest
 
 import diagrams.satellite_ranging as satellite_ranging
 from diagrams import load_scenario, run_study
+from diagrams.consistency import nees_statistics
 from diagrams.errors import UserError
-from diagrams.metrics import armse, convergence_time, diverged, errors, median, nees_statistics, rmse, summarise
+from diagrams.metrics import armse, convergence_time, diverged, median, rmse, summarise
+from diagrams.state_errors import errors
 from diagrams.study import Study
 from systems.estimators.ekf import Ekf
 from systems.plants.recorded import hermite

@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from diagrams.bounds import bound_squares
+from diagrams.consistency import nees_statistics
 from diagrams.errors import UserError
 from diagrams.figures.consistency import draw_consistency
 from diagrams.figures.ground import draw_ground
-from diagrams.metrics import axis_errors, errors, nees_statistics, rmse, summarise
+from diagrams.metrics import rmse, summarise
+from diagrams.state_errors import axis_errors, errors
 from diagrams.states import CarriedMotion, block, columns, translated
 from diagrams.study import Study, run_study
-from diagrams.verification.metric import Run
+from diagrams.verification.study_view import StudyFacts
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.motion.pass_oscillator import PassOscillator
 from tests.diagrams.named_states import SIGMA, STATES, STATIONS, SYSTEM, TRUTH, WEIGHTS, Drift, Ranges, Scenario, belief
@@ -134,7 +136,7 @@ def test_figures_of_different_states(data):
 
 
 def test_requirements_are_about_what_both_states_have():
-    run = Run(Study(SYSTEM, scenario=Scenario(), trials=1).wire(1)[0])
+    run = StudyFacts(Study(SYSTEM, scenario=Scenario(), trials=1).wire(1)[0])
     assert run.states["biased"] == ["x", "y", "vx", "vy"] and "bias" not in run.quantities["biased"]
     assert "velocity" in run.quantities["turned"] and "velocity" not in run.quantities["still"]
     assert {"position", "x"} <= set(run.quantities["still"])

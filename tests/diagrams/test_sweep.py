@@ -16,8 +16,8 @@ from diagrams.assembly.find import systems
 from diagrams.catalogue import load_scenario
 from diagrams.errors import UserError
 from diagrams.marker import MARKER
-from diagrams.metrics import errors
 from diagrams.results import open_result
+from diagrams.state_errors import errors
 from diagrams.study import Study
 from diagrams.sweep import Sweep, parse_vary, sweep
 from tests.interrupts import listening

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binom, binomtest, bootstrap
 
 from diagrams.figures.verification import draw_verification
-from diagrams.verification import metric
+from diagrams.verification import metrics
 from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED, Limit, judge
 from diagrams.verification.specification import Requirement, Specification
 from diagrams.verification.statistics import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean
@@ -126,7 +126,7 @@ def test_settling_time():
 
 def test_the_figure_shows_what_lies_beyond():
     def finding(name, least, most, verdict_, *numbers):
-        asked = Requirement(name, metric.Rmse(time_s=1.0), "iekf", "", least, most, 0.95)
+        asked = Requirement(name, metrics.Rmse(time_s=1.0), "iekf", "", least, most, 0.95)
         return Finding(asked, "m", verdict_, 100, *map(float, numbers), 0.01)
 
     findings = (

@@ -13,7 +13,8 @@ import pytest
 
 from diagrams import command_line, run_study
 from diagrams.marker import MARKER
-from diagrams.metrics import diverged, errors, median, percentile, rmse
+from diagrams.metrics import diverged, median, percentile, rmse
+from diagrams.state_errors import errors
 from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED
 from diagrams.verification.verify import Verification, verify
 from tests.interrupts import listening
