@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from diagrams.assembly.find import Found, find
-from diagrams.compare import ComparedStudy, Lineup, prepare, statistics
+from diagrams.candidates import Lineup
+from diagrams.compare import prepare
+from diagrams.compared_study import ComparedStudy
+from diagrams.comparison import statistics
 from diagrams.errors import UserError, choose
 from diagrams.output import OutputFolder
 from diagrams.results import open_result, write_summary

@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 from diagrams.assembly.find import Found, find
 from diagrams.assembly.system import System
 from diagrams.bootstrap import PairedBootstrap, Replicates, interval, log_ratio
-from diagrams.compare import ComparedStudy, entry, nearest_epoch, nees_entry
+from diagrams.compared_study import ComparedStudy
+from diagrams.comparison import entry
 from diagrams.errors import UserError, choose, texts
 from diagrams.json_numbers import json_numbers
 from diagrams.metrics import diverged, not_started
 from diagrams.scenario import natural_name
 from diagrams.state_errors import errors
 from diagrams.study import join
+from diagrams.summary_entries import nearest_epoch, nees_entry, run_entry
 
 __all__ = ["Sweep", "Vary", "parse_vary", "sweep", "sweep_statistics"]
 
@@ -264,11 +266,7 @@ def sweep_statistics(dataset: xr.Dataset, confidence: float = 0.95, resamples: i
         row |= {key: [each[key] for each in nees] for key in nees[0]}
         curves[str(name)] = row
     return {
-        "system": dataset.attrs["system"],
-        "variant": dataset.attrs["variant"] or None,
-        "seed": int(dataset.attrs["seed"]),
-        "trials": draws.trials,
-        "version": dataset.attrs["version"],
+        **run_entry(dataset),
         "key": dataset.attrs["key"],
         "values": [float(value) for value in dataset["point"].values],
         "time_s": [float(value) for value in dataset["at"].values],

@@ -12,8 +12,10 @@ import pytest
 
 from diagrams import command_line, run_study
 from diagrams.bootstrap import PairedBootstrap, interval
+from diagrams.candidates import STANDARD, line_up
 from diagrams.catalogue import load_scenario
-from diagrams.compare import STANDARD, ComparedStudy, compare, line_up
+from diagrams.compare import compare
+from diagrams.compared_study import ComparedStudy
 from diagrams.errors import UserError
 from diagrams.metrics import armse, rmse
 from diagrams.state_errors import errors

@@ -1,0 +1,188 @@
+"""What a comparison says of its estimators, with intervals over the trials: RMSE, efficiency, NEES, and who is best."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.stats import binomtest
+
+from diagrams.bootstrap import Interval, PairedBootstrap, Replicates, best_of, interval
+from diagrams.candidates import Lineup
+from diagrams.compared_study import ComparedStudy
+from diagrams.errors import UserError
+from diagrams.json_numbers import json_numbers
+from diagrams.metrics import causal, diverged, median, not_started
+from diagrams.starting import why_not_started
+from diagrams.state_errors import errors
+from diagrams.summary_entries import interval_entry, machine, nearest_epoch, nees_entry, run_entry
+
+__all__ = ["comparison_statistics"]
+
+Array = NDArray[np.float64]
+
+_FINER = 16  # times as many resamples where they do not decide who is best
+
+
+def comparison_statistics(
+    dataset: xr.Dataset,
+    study: ComparedStudy,
+    chosen: Lineup,
+    at: float | None = None,
+    confidence: float = 0.95,
+    resamples: int = 9999,
+) -> dict[str, Any]:
+    """Return the comparison of a study's estimators.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        The study's result.
+    study : ComparedStudy
+        For costs and sizes.
+    chosen : Lineup
+        For what was left out.
+    at, confidence
+        See `compare`.
+    resamples : int
+        Of the bootstrap.
+
+    Returns
+    -------
+    dict
+        Numbers as ``{"value", "low", "high"}`` where they have an interval, None where undefined or not finite.
+        ``estimators.NAME``: ``rmse_position_m`` (at the time), ``armse_position_m`` (mean over time of the RMSE),
+        ``median_position_m``, ``bound_position_m``, ``efficiency`` (RMSE over bound) and whether it ``is`` one
+        (``efficiency_means_something``: the truth moves as the filter believes), ``nees_per_state`` with
+        ``nees_band`` and ``nees_verdict``, ``diverged``, ``not_started`` (in no RMSE; in ``best``
+        infinite where another one started), ``cost_us``. ``best.METRIC``: who has the smallest, whether significantly,
+        the runner-up, and the ratio of every other one to it.
+    """
+    if not 0 < confidence < 1:
+        raise UserError(f"confidence: {confidence} is not allowed; between 0 and 1")
+    times = np.asarray(dataset["time"].values, dtype=float)
+    epoch = nearest_epoch(times, at)
+    draws = PairedBootstrap(dataset.sizes["trial"], resamples)
+    names = [str(name) for name in dataset["estimator"].values]
+    never = not_started(dataset)
+    nobody = never.all("estimator").values
+    rows: dict[str, dict[str, Any]] = {}
+    replicates: list[Replicates] = []
+    squared: list[Array] = []
+    for name in names:
+        one, out = dataset.sel(estimator=[name]), never.sel(estimator=name).values
+        error = errors(one)["position"].where(~never.sel(estimator=[name]))
+        squares = np.square(error.values[0])
+        found = draws.apply(squares, lambda means: _rmse_and_mean(means, epoch))
+        # Who does not start where another does is not the better for it: there its error is infinite.
+        alone = (out & ~nobody)[:, None]
+        squared.append(np.where(alone, np.inf, squares))
+        replicates.append(
+            draws.apply(squared[-1], lambda means: _rmse_and_mean(means, epoch)) if alone.any() else found
+        )
+        row: dict[str, Any] = {"causal": causal(dataset, name)}
+        row |= _errors_entry(one, error, interval(found, confidence), epoch)
+        lost_now = np.isinf(error.values[0, :, epoch])
+        row |= nees_entry(one["nees"].values[0, :, epoch], lost_now, study.states[name], draws, confidence)
+        row |= _trials_entry(one, out, confidence)
+        rows[name] = row | {"cost_us": json_numbers(study.costs[name])}
+
+    def finer() -> list[Replicates]:
+        more = dataclasses.replace(draws, resamples=_FINER * resamples)
+        return [more.apply(one, lambda means: _rmse_and_mean(means, epoch)) for one in squared]
+
+    is_causal = np.array([row["causal"] for row in rows.values()])
+    return {
+        **run_entry(dataset),
+        "machine": machine(),
+        "time_s": float(times[epoch]),
+        "confidence": confidence,
+        "resamples": resamples,
+        "correction": "Bonferroni over the comparisons of the best with all others",
+        "batch": min(study.chunk, draws.trials),
+        "feedback": study.feedback,
+        "note": dataset.attrs.get("note", ""),
+        "not_started": why_not_started(dataset, {name: row["not_started"] for name, row in rows.items()}),
+        "left_out": dict(chosen.left_out),
+        "lighter": {name: dict(options) for name, options in chosen.lighter.items()},
+        "estimators": rows,
+        "best": {
+            metric: _best(names, is_causal, replicates, finer, column, confidence)
+            for column, metric in enumerate(("rmse_position_m", "armse_position_m"))
+        },
+    }
+
+
+def _errors_entry(one: xr.Dataset, error: xr.DataArray, both: Interval, epoch: int) -> dict[str, Any]:
+    """Return RMSE at the epoch and over time, median, bound and efficiency of one estimator."""
+    return {
+        "rmse_position_m": interval_entry(both, 0),
+        "armse_position_m": interval_entry(both, 1),
+        "median_position_m": json_numbers(median(error).values[0, epoch]),
+        **_efficiency(one, Interval(*(part[0] for part in both)), epoch),
+    }
+
+
+def _trials_entry(one: xr.Dataset, out: NDArray[np.bool_], confidence: float) -> dict[str, Any]:
+    """Return how many trials of one estimator did not start (`out`), and how many of the others diverged."""
+    lost = int((diverged(one).values[0] & ~out).sum())
+    tail = binomtest(lost, out.size).proportion_ci(confidence, "exact")
+    return {
+        "not_started": int(out.sum()),
+        "diverged": lost,
+        "diverged_rate": {"low": float(tail.low), "high": float(tail.high)},
+    }
+
+
+def _rmse_and_mean(means: Array, epoch: int) -> Array:
+    """Return RMSE at an epoch and its mean over time from mean squares (..., time)."""
+    curve = np.sqrt(means)
+    known = ~np.isnan(curve)
+    with np.errstate(invalid="ignore"):
+        average = np.where(known, curve, 0.0).sum(axis=-1) / known.sum(axis=-1)
+    return np.stack([curve[..., epoch], average], axis=-1)
+
+
+def _best(
+    names: Sequence[str],
+    is_causal: NDArray[np.bool_],
+    replicates: Sequence[Replicates],
+    finer: Callable[[], Sequence[Replicates]],
+    column: int,
+    confidence: float,
+) -> dict[str, Any] | None:
+    """Return who has the smallest of a metric; only who works with the past can be it."""
+    causal = [name for name, one in zip(names, is_causal, strict=True) if one]
+    if not causal:
+        return None
+
+    def joined(all_of: Sequence[Replicates]) -> Replicates:
+        parts = [one for one, chosen in zip(all_of, is_causal, strict=True) if chosen]
+        return Replicates(*(np.stack([p[..., column] for p in same], axis=-1) for same in zip(*parts, strict=True)))
+
+    found = joined(replicates)
+    best, ratios, significant = best_of(found, confidence, lambda: joined(finer()))
+    ratio = {name: interval_entry(ratios, i) for i, name in enumerate(causal) if i != best}
+    order = np.argsort(np.where(np.isnan(found.value), np.inf, found.value), kind="stable")
+    runner_up = next((causal[i] for i in order if i != best), None)
+    return {"name": causal[best], "significant": significant, "runner_up": runner_up, "ratio": ratio}
+
+
+def _efficiency(one: xr.Dataset, rmse: Interval, epoch: int) -> dict[str, Any]:
+    """Return bound, RMSE over bound, and whether that is an efficiency."""
+    empty = np.full(one.sizes["time"], np.nan)
+    bound, of_truth = (
+        one[name].values[0] if name in one else empty for name in ("bound_position", "bound_truth_position")
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = Interval(*(part / bound[epoch] for part in rmse))
+    return {
+        "bound_position_m": json_numbers(bound[epoch]),
+        "efficiency": interval_entry(ratio),
+        # the two bounds differ by the process noise only
+        "efficiency_means_something": bool(np.isfinite(bound[epoch]) and np.allclose(bound, of_truth, rtol=1e-6)),
+    }
