@@ -1,4 +1,4 @@
-"""Who takes part in a comparison: estimators of the scenario, those asked for, and those that all systems are offered."""
+"""Who takes part in a comparison: estimators of the scenario, those asked for, and those offered to all systems."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from diagrams.assembly.find import Found, find
 from diagrams.candidates import Lineup
 from diagrams.compare import prepare
 from diagrams.compared_study import ComparedStudy
-from diagrams.comparison import statistics
+from diagrams.comparison import comparison_statistics
 from diagrams.errors import UserError, choose
 from diagrams.output import OutputFolder
 from diagrams.results import open_result, write_summary
@@ -84,7 +84,7 @@ def _check_time(prepared: Sequence[tuple[str, ComparedStudy, Lineup]], at: float
 def _one(study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | None, overwrite: bool) -> dict[str, Any]:
     began = time.monotonic()
     if out is None:
-        found = statistics(join(list(study.chunks(progress=True))), study, chosen, at=at)
+        found = comparison_statistics(join(list(study.chunks(progress=True))), study, chosen, at=at)
         return found | {"run_seconds": round(time.monotonic() - began, 3)}
     from diagrams.figures import study_figures
     from diagrams.figures.comparison import draw_comparison
@@ -103,7 +103,7 @@ def _one(study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | Non
                 )
             raise
         dataset = open_result(folder.store).load()
-        found = statistics(dataset, study, chosen, at=at)
+        found = comparison_statistics(dataset, study, chosen, at=at)
         found["run_seconds"] = round(time.monotonic() - began, 3)
         text = json.dumps(found, indent=1, allow_nan=False) + "\n"
         (folder.work / "comparison.json").write_text(text, encoding="utf-8")
@@ -118,7 +118,7 @@ def _one(study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | Non
 
 
 def comparison_table(found: Mapping[str, Any]) -> Table:
-    """Return the table of one comparison, as `diagrams.compare.statistics` gives it."""
+    """Return the table of one comparison, as `diagrams.compare.comparison_statistics` gives it."""
     name = found["system"] + (f":{found['variant']}" if found["variant"] else "")
     when = f"{found['time_s']:g} s"
     titles = (f"RMSE at {when} [m]", "mean RMSE [m]", "median [m]", "RMSE/bound", "NEES/n", "diverged", "us")

@@ -18,14 +18,13 @@ from diagrams.assembly.find import Found, find
 from diagrams.assembly.system import System
 from diagrams.bootstrap import PairedBootstrap, Replicates, interval, log_ratio
 from diagrams.compared_study import ComparedStudy
-from diagrams.comparison import entry
 from diagrams.errors import UserError, choose, texts
 from diagrams.json_numbers import json_numbers
 from diagrams.metrics import diverged, not_started
 from diagrams.scenario import natural_name
 from diagrams.state_errors import errors
 from diagrams.study import join
-from diagrams.summary_entries import nearest_epoch, nees_entry, run_entry
+from diagrams.summary_entries import interval_entry, nearest_epoch, nees_entry, run_entry
 
 __all__ = ["Sweep", "Vary", "parse_vary", "sweep", "sweep_statistics"]
 
@@ -248,10 +247,10 @@ def sweep_statistics(dataset: xr.Dataset, confidence: float = 0.95, resamples: i
         bound, of_truth = one["bound_position"].values, one["bound_truth_position"].values
         points = range(dataset.sizes["point"])
         row: dict[str, Any] = {
-            "rmse_position_m": [entry(rmse, k) for k in points],
-            "rmse_ratio": [entry(type(ratio)(*(np.exp(part) for part in ratio)), k) for k in points],
+            "rmse_position_m": [interval_entry(rmse, k) for k in points],
+            "rmse_ratio": [interval_entry(type(ratio)(*(np.exp(part) for part in ratio)), k) for k in points],
             "bound_position_m": json_numbers(bound),
-            "efficiency": [entry(type(rmse)(*(part / bound for part in rmse)), k) for k in points],
+            "efficiency": [interval_entry(type(rmse)(*(part / bound for part in rmse)), k) for k in points],
             "efficiency_means_something": [
                 bool(np.isclose(a, b, rtol=1e-6)) for a, b in zip(bound, of_truth, strict=True)
             ],
