@@ -21,7 +21,7 @@ from diagrams.posterior_bound import bound_steps
 from diagrams.state_errors import NEEDED, QUANTITIES
 from diagrams.states import POSITION, VELOCITY, CarriedMotion, Moves, block, columns, shared, translated
 from systems.estimators.base import Estimator
-from systems.frames import up
+from systems.geodetic import up
 from systems.motion.base import MotionModel
 
 __all__ = [

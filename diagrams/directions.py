@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.frames import up
+from systems.geodetic import up
 
 __all__ = ["direction_axes", "named_components"]
 

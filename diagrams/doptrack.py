@@ -29,7 +29,7 @@ from systems.estimators.kalman import KalmanEstimator
 from systems.estimators.start import GivenStart
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.robust import StudentRows
-from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+from systems.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 from systems.measurement.altitude import Altitude
 from systems.measurement.range_rate import RangeRate
 from systems.measurement.stack import Stack

@@ -16,7 +16,7 @@ from diagrams.instants import instant
 from diagrams.yaml_text import load_yaml
 from systems.constants import EARTH_RATE, SPEED_OF_LIGHT
 from systems.files import read_text
-from systems.frames import geodetic_to_ecef
+from systems.geodetic import geodetic_to_ecef
 
 __all__ = ["NOMINAL", "Pass", "read_passes", "satellite_states", "teme_to_earth_fixed"]
 

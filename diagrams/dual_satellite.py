@@ -44,7 +44,8 @@ from systems.documented import choice, documented, number
 from systems.estimators.direction_start import DirectionStart
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.prior_position_start import PriorPositionStart
-from systems.frames import geodetic_state, inertial_to_earth_fixed
+from systems.frames import inertial_to_earth_fixed
+from systems.geodetic import geodetic_state
 from systems.measurement.altitude import Altitude
 from systems.measurement.base import MeasurementModel
 from systems.measurement.body_frame import body_frame

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from diagrams.formation import Formation
-from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed
+from systems.frames import inertial_to_earth_fixed
+from systems.geodetic import ecef_to_geodetic, geodetic_state
 from systems.plants.orbit import DenseOrbit
 
 __all__ = ["Airborne", "AirborneTruth", "beside_track", "track_axes", "tracks"]

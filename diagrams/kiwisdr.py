@@ -30,7 +30,7 @@ from systems.estimators.iekf import Iekf
 from systems.estimators.snapshot_start import SnapshotStart
 from systems.files import read_text
 from systems.fixes.snapshot import snapshot_fix, starts_around
-from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+from systems.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 from systems.iq.kiwi import GpsRecording, common_base, read_kiwi
 from systems.measurement.altitude import Altitude
 from systems.measurement.stack import Stack

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from diagrams.errors import UserError
 from systems.files import Unreadable, read_text
-from systems.frames import geodetic_to_ecef
+from systems.geodetic import geodetic_to_ecef
 
 __all__ = ["LocardsSet", "Receiver", "Track", "read_receivers", "read_set", "read_sets"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.locards_data import Track
-from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+from systems.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 
 __all__ = ["METHODS", "Scores", "headings", "score"]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from diagrams.states import POSITION, VELOCITY
 from systems.angle_wrapping import wrap
-from systems.frames import course_speed, ecef_to_geodetic
+from systems.geodetic import course_speed, ecef_to_geodetic
 
 __all__ = ["BOUNDS", "NEEDED", "QUANTITIES", "axis_errors", "errors", "scored"]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from diagrams.figures.style import grid, legend_outside, looks, new_figure, title
 from diagrams.states import POSITION
-from systems.frames import ecef_to_geodetic, enu_rotation
+from systems.geodetic import ecef_to_geodetic, enu_rotation
 
 __all__ = ["draw_ground"]
 

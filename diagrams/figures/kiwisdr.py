@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from diagrams.figures.style import grid, new_figure
 from systems.constants import SPEED_OF_LIGHT
-from systems.frames import ecef_to_geodetic
+from systems.geodetic import ecef_to_geodetic
 
 if TYPE_CHECKING:
     from diagrams.kiwisdr import KiwiReplay
@@ -60,7 +60,7 @@ def _hyperbolas(axes: Any, result: KiwiReplay) -> None:
     stations = result.data.stations
     low, high = _degrees(stations).min(axis=1) - 3, _degrees(stations).max(axis=1) + 3
     longitude, latitude = np.meshgrid(np.linspace(low[0], high[0], 300), np.linspace(low[1], high[1], 300))
-    from systems.frames import geodetic_to_ecef
+    from systems.geodetic import geodetic_to_ecef
 
     place = geodetic_to_ecef(np.radians(latitude), np.radians(longitude), 0.0)
     distance = np.linalg.norm(place[..., None, :] - stations, axis=-1) / SPEED_OF_LIGHT

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from diagrams.figures.style import grid, new_figure
-from systems.frames import ecef_to_geodetic
+from systems.geodetic import ecef_to_geodetic
 
 if TYPE_CHECKING:
     from diagrams.locards import LocardsReplay

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from diagrams.errors import UserError
 from diagrams.states import POSITION, columns
-from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+from systems.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 
 __all__ = ["Chart", "Flat", "Shell", "chart_of"]
 

@@ -18,7 +18,8 @@ from diagrams.errors import UserError
 from diagrams.formation import satellite_orbit
 from diagrams.ground import Airborne, beside_track, track_axes, tracks
 from systems.clocks import Periodic
-from systems.frames import inertial_to_earth_fixed, up
+from systems.frames import inertial_to_earth_fixed
+from systems.geodetic import up
 from systems.measurement.base import MeasurementModel
 from systems.measurement.visibility import ElevationMask
 from systems.motion.constant_velocity import ConstantVelocity

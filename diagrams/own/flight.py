@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from diagrams import launch
 from diagrams.errors import UserError
 from diagrams.own.movers import Rocket
-from systems.frames import geodetic_to_ecef
+from systems.geodetic import geodetic_to_ecef
 from systems.motion.gravity import GravityConstants
 from systems.plants.rocket import Rocket as RocketPlant
 

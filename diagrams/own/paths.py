@@ -31,7 +31,8 @@ from diagrams.own.movers import (
     Waypoints,
 )
 from diagrams.own.records import Setting, sp3_path, tle_path, track_path
-from systems.frames import earth_fixed_to_inertial, geodetic_state, inertial_to_earth_fixed
+from systems.frames import earth_fixed_to_inertial, inertial_to_earth_fixed
+from systems.geodetic import geodetic_state
 from systems.motion.gravity import GravityConstants
 from systems.motion.great_circle import great_circle, straight_line
 from systems.motion.level_waypoints import LevelWaypointPath

@@ -19,7 +19,8 @@ from diagrams.formation import ReferenceOrbit
 from diagrams.instants import instant
 from diagrams.own.movers import Sp3, Tle, Track
 from systems.files import Unreadable, read_text, regular_size
-from systems.frames import earth_fixed_to_inertial, geodetic_to_ecef
+from systems.frames import earth_fixed_to_inertial
+from systems.geodetic import geodetic_to_ecef
 from systems.plants.recorded import RecordedTruth, hermite
 from systems.plants.sp3 import PreciseOrbit, read_sp3
 from systems.plants.sp3_records import in_utc

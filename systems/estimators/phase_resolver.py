@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
 from systems.fixes.known_height import wave_front_fix
-from systems.frames import vertical
+from systems.geodetic import vertical
 from systems.measurement.phase import InterferometerPhase
 from systems.measurement.tdoa import Tdoa
 from systems.signals import EnsembleBlock

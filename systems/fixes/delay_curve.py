@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from systems.constants import SPEED_OF_LIGHT
 from systems.filters.linear_algebra import solve
-from systems.frames import ecef_to_geodetic, up
+from systems.geodetic import ecef_to_geodetic, up
 from systems.measurement.base import MeasurementModel
 
 __all__ = ["delay_curve"]

@@ -17,7 +17,7 @@ from systems.constants import SPEED_OF_LIGHT
 from systems.filters.linear_algebra import inverses, solve
 from systems.filters.whitening import Whitener
 from systems.fixes.delay_curve import delay_curve
-from systems.frames import ecef_to_geodetic
+from systems.geodetic import ecef_to_geodetic
 from systems.measurement.altitude import Altitude
 from systems.measurement.base import MeasurementModel
 from systems.measurement.stack import Stack

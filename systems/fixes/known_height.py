@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from systems.constants import SPEED_OF_LIGHT
 from systems.filters.linear_algebra import inverses, solve
-from systems.frames import ecef_to_geodetic, geodetic_to_ecef, up, vertical
+from systems.geodetic import ecef_to_geodetic, geodetic_to_ecef, up, vertical
 from systems.measurement.base import differenced_covariance
 from systems.measurement.geometry import line_of_sight
 from systems.measurement.tdoa import Tdoa

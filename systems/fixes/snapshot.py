@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from systems.filters.linear_algebra import cholesky, inverses, solve, symmetric
 from systems.filters.whitening import Whitener
-from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+from systems.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 from systems.measurement.base import MeasurementModel
 
 __all__ = ["SnapshotFix", "snapshot_fix", "starts_around", "starts_around_level"]

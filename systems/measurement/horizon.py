@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.frames import ecef_to_geodetic, enu_rotation
+from systems.geodetic import ecef_to_geodetic, enu_rotation
 from systems.measurement.bearing import Bearing
 
 __all__ = ["HorizonBearing"]
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 class HorizonBearing(Bearing):
     r"""A `Bearing` in the platform's own east, north and up, of Earth-fixed states.
 
-    With R the rotation to east-north-up at the platform (`systems.frames.enu_rotation`),
+    With R the rotation to east-north-up at the platform (`systems.geodetic.enu_rotation`),
     :math:`\Delta = R\,(p - p_i)`; azimuth counter-clockwise from east and elevation are those of `Bearing` for
     :math:`\Delta`, and :math:`\partial z/\partial p = (\partial z/\partial\Delta)\,R`. R is the platform's: it does not
     depend on the target.

@@ -9,7 +9,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.frames import up
+from systems.geodetic import up
 
 __all__ = ["EarthOccultation", "ElevationMask", "Mask", "SphericalMask"]
 

@@ -8,11 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from systems.constants import WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED
-from systems.frames import (
-    course_speed,
-    ecef_to_geodetic,
-    enu_rotation,
-)
+from systems.geodetic import course_speed, ecef_to_geodetic, enu_rotation
 
 __all__ = ["GreatCirclePath", "great_circle", "level_state", "straight_line"]
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.frames import enu_rotation
+from systems.geodetic import enu_rotation
 from systems.motion.great_circle import level_state
 
 __all__ = ["LevelWaypointPath"]

@@ -47,7 +47,7 @@ class StraightLine(EnsembleBlock):
     Parameters
     ----------
     start : array_like, shape (6,) or (trials, 6)
-        Earth-fixed state at time 0 (from a place and a course: `systems.frames.geodetic_state`).
+        Earth-fixed state at time 0 (from a place and a course: `systems.geodetic.geodetic_state`).
     name : str
         Name of the block.
 

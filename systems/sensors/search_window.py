@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context
 
 from systems.filters.linear_algebra import inverses
 from systems.fixes.ray_height import ray_at_height
-from systems.frames import up
+from systems.geodetic import up
 from systems.measurement.base import MeasurementModel, positive
 from systems.measurement.direction import BodyDirection
 from systems.measurement.fdoa import Fdoa

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from systems.frames import geodetic_state
+from systems.geodetic import geodetic_state
 from systems.motion.great_circle import straight_line
 
 STATES = ["x", "y", "z", "vx", "vy", "vz"]

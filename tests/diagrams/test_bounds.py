@@ -13,7 +13,8 @@ from diagrams.three_satellite import satellite_states, target_state
 from systems.counting import counting
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.whitening import Whitener
-from systems.frames import course_speed, geodetic_state, inertial_to_earth_fixed, up
+from systems.frames import inertial_to_earth_fixed
+from systems.geodetic import course_speed, geodetic_state, up
 from systems.measurement.base import MeasurementModel
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.phase import InterferometerPhase

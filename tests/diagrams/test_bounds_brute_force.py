@@ -122,7 +122,7 @@ def test_maximum_likelihood_reaches_the_bound_where_noise_is_small(kinds):
     # A root mean square that one weak direction makes is known to 1/sqrt(2 x 4000) = 1.1 %: 5 % are 4.5 of them.
     assert np.sqrt(np.mean(np.sum(error[:, :3] ** 2, axis=-1))) == pytest.approx(position, rel=0.05)
     assert np.sqrt(np.mean(np.sum(error[:, 3:] ** 2, axis=-1))) == pytest.approx(velocity, rel=0.05)
-    from systems.frames import course_speed, ecef_to_geodetic
+    from systems.geodetic import course_speed, ecef_to_geodetic
 
     high = ecef_to_geodetic(found[:, :3])[2] - ecef_to_geodetic(path[-1, :3])[2]
     assert np.sqrt(np.mean(high**2)) == pytest.approx(height, rel=0.05)

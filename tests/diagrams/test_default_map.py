@@ -18,7 +18,7 @@ from diagrams.maps.command import bound_maps, map_figures
 from diagrams.maps.default import default_maps, recorded_course
 from diagrams.parts.movers import Emitter, ModelTarget
 from diagrams.parts.sensing import TargetSensor
-from systems.frames import course_speed, ecef_to_geodetic
+from systems.geodetic import course_speed, ecef_to_geodetic
 from systems.motion.gravity import GravityConstants
 from systems.motion.orbital import OrbitalMotion
 from tests.diagrams import flat_plane, named_states

@@ -11,7 +11,7 @@ from diagrams.doptrack_settings import Selection
 from diagrams.errors import UserError
 from diagrams.replay import data_folder, replay
 from systems.constants import EARTH_RATE
-from systems.frames import ecef_to_geodetic
+from systems.geodetic import ecef_to_geodetic
 from tests.fitting import check_fits
 
 BAD = "202004011959"

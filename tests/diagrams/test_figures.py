@@ -11,7 +11,7 @@ from diagrams.figures.particles import draw_particle_health, particle_filters
 from diagrams.figures.style import looks
 from diagrams.metrics import convergence_time, rmse
 from diagrams.state_errors import BOUNDS, errors
-from systems.frames import geodetic_state
+from systems.geodetic import geodetic_state
 from systems.motion.great_circle import straight_line
 from tests.diagrams.results import result
 

@@ -18,7 +18,7 @@ from diagrams.marker import MARKER
 from diagrams.replay import REPLAYS, data_folder, replay
 from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.arrival_gate import KEPT
-from systems.frames import ecef_to_geodetic, geodetic_state, geodetic_to_ecef
+from systems.geodetic import ecef_to_geodetic, geodetic_state, geodetic_to_ecef
 from systems.measurement.refractivity import mean_refractivity
 from systems.registry import locate
 from systems.sensors.recorded import Recording

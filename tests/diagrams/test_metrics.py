@@ -16,7 +16,7 @@ from diagrams.metrics import (
     summarise,
 )
 from diagrams.state_errors import axis_errors, errors
-from systems.frames import ecef_to_geodetic, enu_rotation, geodetic_state
+from systems.geodetic import ecef_to_geodetic, enu_rotation, geodetic_state
 from tests.diagrams.results import level_flight, result
 
 

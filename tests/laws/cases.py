@@ -19,7 +19,8 @@ from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.modified_gain import ModifiedGainKalman
 from systems.filters.robust import StudentRows
 from systems.filters.unscented import UnscentedKalman
-from systems.frames import ecef_to_geodetic, geodetic_state, inertial_to_earth_fixed
+from systems.frames import inertial_to_earth_fixed
+from systems.geodetic import ecef_to_geodetic, geodetic_state
 from systems.measurement.altitude import Altitude
 from systems.measurement.bearing import Bearing
 from systems.measurement.chosen import ChosenRows

@@ -14,7 +14,8 @@ from diagrams.own.paths import path_of
 from diagrams.own.records import Setting
 from diagrams.own.system import own_system
 from diagrams.scenario import load, read_yaml
-from systems.frames import ecef_to_geodetic, enu_rotation, inertial_to_earth_fixed
+from systems.frames import inertial_to_earth_fixed
+from systems.geodetic import ecef_to_geodetic, enu_rotation
 from systems.motion.gravity import GravityConstants
 from systems.recorder import record
 from systems.signals import Draw, set_draw

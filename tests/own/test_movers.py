@@ -27,7 +27,7 @@ from diagrams.own.records import Setting, old_elements
 from diagrams.own.system import own_system
 from diagrams.scenario import load, read_yaml
 from systems.constants import EARTH_RATE
-from systems.frames import ecef_to_geodetic
+from systems.geodetic import ecef_to_geodetic
 from systems.motion.gravity import GravityConstants
 from systems.plants.sp3 import read_sp3
 from systems.plants.sp3_records import in_utc

@@ -9,7 +9,8 @@ from scipy.stats import chi2
 
 from diagrams import run_study
 from diagrams.errors import UserError
-from systems.frames import geodetic_to_ecef, inertial_to_earth_fixed
+from systems.frames import inertial_to_earth_fixed
+from systems.geodetic import geodetic_to_ecef
 from systems.motion.kepler import KeplerElements, state_of
 
 HERE = Path(__file__).parent

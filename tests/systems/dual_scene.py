@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from systems.frames import geodetic_state, inertial_to_earth_fixed
+from systems.frames import inertial_to_earth_fixed
+from systems.geodetic import geodetic_state
 from systems.motion.gravity import GravityConstants
 from systems.motion.kepler import KeplerElements, state_of
 from systems.plants.orbit import DenseOrbit

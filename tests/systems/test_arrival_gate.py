@@ -11,7 +11,7 @@ from systems.estimators.base import Wiring
 from systems.estimators.iekf import Iekf
 from systems.estimators.snapshot_start import SnapshotStart
 from systems.fixes.snapshot import snapshot_fix, starts_around
-from systems.frames import geodetic_state
+from systems.geodetic import geodetic_state
 from systems.measurement.altitude import Altitude
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from systems.fixes.ray_height import ray_at_height
-from systems.frames import earth_fixed_to_inertial, ecef_to_geodetic, geodetic_to_ecef, nadir_frame
+from systems.frames import earth_fixed_to_inertial, nadir_frame
+from systems.geodetic import ecef_to_geodetic, geodetic_to_ecef
 from systems.measurement.direction import Direction, DirectionCosines
 from tests.laws.cases import PASS, place, satellites
 

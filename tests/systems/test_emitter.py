@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from systems.frames import course_speed, ecef_to_geodetic, geodetic_state
+from systems.geodetic import course_speed, ecef_to_geodetic, geodetic_state
 from systems.motion.great_circle import great_circle, straight_line
 from systems.plants.emitter import GreatCircle, StraightLine
 

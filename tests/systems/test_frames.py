@@ -4,9 +4,10 @@ import numpy as np
 import pymap3d
 import pytest
 
-from systems import frames
+from systems import frames, geodetic
+from systems.constants import EARTH_RATE
 
-RATE = frames.EARTH_RATE
+RATE = EARTH_RATE
 RNG = np.random.default_rng(20240501)
 
 
@@ -24,10 +25,10 @@ def low_orbits(shape=(4, 3)):
 
 def test_geodetic_agrees_with_pymap3d():
     lat, lon, h = places()
-    p = frames.geodetic_to_ecef(lat, lon, h)
+    p = geodetic.geodetic_to_ecef(lat, lon, h)
     # the same code underneath: equal
     np.testing.assert_array_equal(p, np.stack(pymap3d.geodetic2ecef(lat, lon, h, deg=False), axis=-1))
-    got = frames.ecef_to_geodetic(p)
+    got = geodetic.ecef_to_geodetic(p)
     want = pymap3d.ecef2geodetic(p[..., 0], p[..., 1], p[..., 2], deg=False)
     # below 20 km pymap3d's closed form is good to 1e-12 rad (6 um) and to rounding in height
     np.testing.assert_allclose(got[0], want[0], atol=1e-12)
@@ -38,44 +39,44 @@ def test_geodetic_agrees_with_pymap3d():
 @pytest.mark.parametrize("height", [-5e3, 0.0, 1e4, 7e5, 2e7])
 def test_geodetic_round_trip(height):
     lat, lon, _ = places()
-    back = frames.ecef_to_geodetic(frames.geodetic_to_ecef(lat, lon, height))
+    back = geodetic.ecef_to_geodetic(geodetic.geodetic_to_ecef(lat, lon, height))
     # rounding of coordinates of 1e7 m is 2e-9 m; pymap3d alone is 30 m out at 20 000 km
     assert np.max(np.abs(back[0] - lat)) < 2e-15 and np.max(np.abs(back[1] - lon)) < 2e-15
     assert np.max(np.abs(back[2] - height)) < 2e-8
 
 
 def test_geodetic_at_poles_and_equator():
-    lat, _, h = frames.ecef_to_geodetic([[0, 0, 6400e3], [0, 0, -6400e3], [6400e3, 0, 0], [0, -6400e3, 0]])
+    lat, _, h = geodetic.ecef_to_geodetic([[0, 0, 6400e3], [0, 0, -6400e3], [6400e3, 0, 0], [0, -6400e3, 0]])
     np.testing.assert_allclose(lat, [np.pi / 2, -np.pi / 2, 0, 0], atol=1e-15)
     # semi-axes of WGS-84 as published (NIMA TR8350.2), printed to 0.1 mm
     np.testing.assert_allclose(h, 6400e3 - np.array([6356752.3142] * 2 + [6378137.0] * 2), atol=1e-4)
 
 
 def test_geodetic_keeps_shape_and_nan_to_itself():
-    p = frames.geodetic_to_ecef(*places((2, 3)))
+    p = geodetic.geodetic_to_ecef(*places((2, 3)))
     p[1, 2, 0] = np.nan
-    lat, lon, h = frames.ecef_to_geodetic(p)
+    lat, lon, h = geodetic.ecef_to_geodetic(p)
     assert lat.shape == lon.shape == h.shape == (2, 3)
     for value in (lat, lon, h):
         assert np.isnan(value).sum() == 1 and np.isnan(value[1, 2])
-    assert frames.ecef_to_geodetic(p[0, 0])[2].shape == ()
+    assert geodetic.ecef_to_geodetic(p[0, 0])[2].shape == ()
     # one alone is bit-equal to the same one in a batch
-    assert frames.ecef_to_geodetic(p[0, 1:2])[2][0] == h[0, 1]
+    assert geodetic.ecef_to_geodetic(p[0, 1:2])[2][0] == h[0, 1]
 
 
 def test_up_is_the_gradient_of_the_height():
-    p = frames.geodetic_to_ecef(*places())
+    p = geodetic.geodetic_to_ecef(*places())
     step = 10.0  # m: truncation (h/r)^2 ~ 2e-12, rounding 2e-9/20 = 1e-10
     for axis in range(3):
         d = step * np.eye(3)[axis]
-        slope = (frames.ecef_to_geodetic(p + d)[2] - frames.ecef_to_geodetic(p - d)[2]) / (2 * step)
-        np.testing.assert_allclose(frames.up(p)[..., axis], slope, atol=1e-9)
+        slope = (geodetic.ecef_to_geodetic(p + d)[2] - geodetic.ecef_to_geodetic(p - d)[2]) / (2 * step)
+        np.testing.assert_allclose(geodetic.up(p)[..., axis], slope, atol=1e-9)
 
 
 def test_enu_agrees_with_pymap3d():
     lat, lon, _ = places()
     v = RNG.normal(size=(*lat.shape, 3))
-    got = (frames.enu_rotation(lat, lon) @ v[..., None])[..., 0]
+    got = (geodetic.enu_rotation(lat, lon) @ v[..., None])[..., 0]
     want = pymap3d.ecef2enuv(v[..., 0], v[..., 1], v[..., 2], lat, lon, deg=False)
     np.testing.assert_allclose(got, np.stack(want, axis=-1), atol=1e-14)  # rounding of unit numbers
 
@@ -83,14 +84,14 @@ def test_enu_agrees_with_pymap3d():
 def test_course_and_speed():
     lat, lon, h = places()
     course, speed = RNG.uniform(0, 2 * np.pi, lat.shape), RNG.uniform(1, 400, lat.shape)
-    x = frames.geodetic_state(lat, lon, h, course, speed, 3.0)
-    got = frames.course_speed(x[..., :3], x[..., 3:])
+    x = geodetic.geodetic_state(lat, lon, h, course, speed, 3.0)
+    got = geodetic.course_speed(x[..., :3], x[..., 3:])
     # rounding of 400 m/s is 6e-14, turned into an angle at 1 m/s
     np.testing.assert_allclose(got[0], course, atol=1e-12)
     np.testing.assert_allclose(got[1], speed, atol=1e-12)
     np.testing.assert_allclose(got[2], 3.0, atol=1e-12)
     # 60 degrees clockwise from north at (0, 0): north is z, east is y
-    np.testing.assert_allclose(frames.course_velocity(0, 0, np.radians(60), 2), [0, np.sqrt(3), 1], atol=1e-15)
+    np.testing.assert_allclose(geodetic.course_velocity(0, 0, np.radians(60), 2), [0, np.sqrt(3), 1], atol=1e-15)
 
 
 def test_inertial_round_trip_with_times_per_row():
@@ -161,16 +162,16 @@ def test_vertical_is_the_normal_and_the_height_of_pymap3d():
         [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)], axis=-1
     )
     for height in (-10e3, 0.0, 12e3, 700e3, 36000e3):
-        position = frames.geodetic_to_ecef(latitude, longitude, height)
-        up_, above = frames.vertical(position)
+        position = geodetic.geodetic_to_ecef(latitude, longitude, height)
+        up_, above = geodetic.vertical(position)
         np.testing.assert_allclose(up_, normal, rtol=0, atol=1e-15)
         np.testing.assert_allclose(above, height, rtol=0, atol=4 * np.spacing(7e6 + abs(height)))
         np.testing.assert_allclose(
-            above, frames.ecef_to_geodetic(position)[2], rtol=0, atol=8 * np.spacing(7e6 + abs(height))
+            above, geodetic.ecef_to_geodetic(position)[2], rtol=0, atol=8 * np.spacing(7e6 + abs(height))
         )
     position[7] = np.nan
-    alone, height = frames.vertical(position)
+    alone, height = geodetic.vertical(position)
     assert np.isnan(alone[7]).all() and np.isnan(height[7])
     others = np.arange(latitude.size) != 7
     np.testing.assert_array_equal(alone[others], up_[others])
-    np.testing.assert_array_equal(frames.vertical(position[3])[0], alone[3])
+    np.testing.assert_array_equal(geodetic.vertical(position[3])[0], alone[3])

@@ -25,10 +25,7 @@ from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.fixes.delay_curve import delay_curve
 from systems.fixes.integer_hypotheses import integer_covariance, integer_hypotheses
 from systems.fixes.known_height import known_height_fix
-from systems.frames import (
-    ecef_to_geodetic,
-    geodetic_state,
-)
+from systems.geodetic import ecef_to_geodetic, geodetic_state
 from systems.measurement.base import MeasurementModel
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.phase import InterferometerPhase

@@ -12,7 +12,7 @@ from systems.fixes.known_height import (
     position_per_velocity,
     wave_front_fix,
 )
-from systems.frames import ecef_to_geodetic
+from systems.geodetic import ecef_to_geodetic
 from systems.measurement.tdoa import Tdoa
 from systems.measurement.visibility import ElevationMask
 from tests.laws.cases import PASS, PLACES, place, satellites, six, tdoa

@@ -9,7 +9,7 @@ from systems.clocks import Times
 from systems.estimators.base import Wiring
 from systems.estimators.iekf import Iekf
 from systems.estimators.start import GivenStart
-from systems.frames import geodetic_state
+from systems.geodetic import geodetic_state
 from systems.measurement.altitude import Altitude
 from systems.measurement.refractivity import mean_refractivity
 from systems.measurement.stack import Stack

@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from systems.clocks import Periodic, Times
-from systems.frames import vertical
+from systems.geodetic import vertical
 from systems.measurement.visibility import ElevationMask
 from systems.recorder import record
 from systems.sensors.sensor import Sensor

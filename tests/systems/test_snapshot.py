@@ -9,7 +9,7 @@ from systems.estimators.snapshot_start import SnapshotStart
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.whitening import Whitener
 from systems.fixes.snapshot import snapshot_fix, starts_around
-from systems.frames import ecef_to_geodetic, geodetic_state
+from systems.geodetic import ecef_to_geodetic, geodetic_state
 from systems.measurement.altitude import Altitude
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
