@@ -38,6 +38,12 @@ _SYSTEM = typer.Argument(
 )
 _SET = typer.Option("--set", metavar="KEY=VALUE", help="Change a field of the scenario; dotted key. Repeatable.")
 _SCENARIO = typer.Option("--scenario", metavar="FILE", help="A YAML file laid over the packaged scenario.")
+_DATA = typer.Option(
+    "--data",
+    metavar="DIR",
+    help="Of a recording: its folder, or the one that holds it; else the variable QUIETFIX_DATA. Or its files, where "
+    "it is in files of your own. Repeatable.",
+)
 _ESTIMATOR = typer.Option(
     "--estimator",
     metavar="NAME",
@@ -83,6 +89,7 @@ def list_(
     ] = None,
 ) -> None:
     """List systems, variants and estimators."""
+    from diagrams.assembly.find import RECORDINGS
     from diagrams.listing import list_systems
     from diagrams.replay import REPLAYS
     from diagrams.terminal import say
@@ -92,7 +99,7 @@ def list_(
     if chosen:
         return
     say(f"registered estimators: {', '.join(ESTIMATORS)}")
-    say(f"recorded data for `quietfix replay`: {', '.join(REPLAYS)}")
+    say(f"recordings, also for `quietfix replay`: {', '.join([*RECORDINGS, *REPLAYS])}")
 
 
 @app.command()
@@ -150,7 +157,7 @@ def run(
     system: Annotated[str | None, _SYSTEM] = None,
     estimators: Annotated[list[str] | None, _ESTIMATOR] = None,
     trials: Annotated[
-        int | None, typer.Option(parser=_whole, metavar="N", help="Monte Carlo trials.  [default: 100]")
+        int | None, typer.Option(parser=_whole, metavar="N", help="Monte Carlo trials.  [default: 100; all tracks]")
     ] = None,
     first_trial: Annotated[
         int | None, typer.Option(parser=_whole, metavar="N", help="Number of the first trial.  [default: 0]")
@@ -177,6 +184,7 @@ def run(
     trust: Annotated[
         bool, typer.Option("--trust", help="With --from: import the system and the classes that the result names.")
     ] = False,
+    data: Annotated[list[Path] | None, _DATA] = None,
 ) -> None:
     """Run a study: print a table; with --out write results.zarr, summary.json, figures and diagram.svg."""
     from diagrams.running import run_command
@@ -191,6 +199,7 @@ def run(
         "keep": keep,
         "every": every,
         "chunk": chunk,
+        "data": data,
     }
     run_command(system, {k: v for k, v in asked.items() if v is not None}, from_, out, overwrite, trust)
 
@@ -202,11 +211,12 @@ def draw(
     estimators: Annotated[list[str] | None, _ESTIMATOR] = None,
     settings: Annotated[list[str] | None, _SET] = None,
     scenario: Annotated[Path | None, _SCENARIO] = None,
+    data: Annotated[list[Path] | None, _DATA] = None,
 ) -> None:
     """Draw the block diagram as SVG or PNG."""
     from diagrams.running import draw_command
 
-    draw_command(system, estimators, settings, scenario, out)
+    draw_command(system, estimators, settings, scenario, out, data)
 
 
 @app.command()
@@ -322,12 +332,15 @@ class _ReplayHelp(TyperCommand):
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Write the settings."""
+        from diagrams.assembly.find import RECORDINGS
+        from diagrams.recordings import recording_settings
         from diagrams.replay import REPLAYS, replay_settings
 
         super().format_epilog(ctx, formatter)
-        for dataset in [word for word in ctx.meta.get(_WORDS, ()) if word in REPLAYS][:1]:
+        for dataset in [word for word in ctx.meta.get(_WORDS, ()) if word in (*REPLAYS, *RECORDINGS)][:1]:
             formatter.write(f"\nSettings of {dataset} and their defaults, for --set:\n")
-            for line in replay_settings(dataset).splitlines():
+            told = recording_settings(dataset) if dataset in RECORDINGS else replay_settings(dataset)
+            for line in told.splitlines():
                 formatter.write("".join(f"{part}\n" for part in _setting_lines(line, formatter.width)))
 
 
@@ -347,7 +360,8 @@ def replay(
         Path | None,
         typer.Option("--data", metavar="DIR", help="Folder of the recordings; else the variable QUIETFIX_DATA."),
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write summary and figures here.")] = None,
+    estimators: Annotated[list[str] | None, _ESTIMATOR] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write results, summary and figures here.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
     settings: Annotated[
         list[str] | None,
@@ -358,10 +372,11 @@ def replay(
         ),
     ] = None,
 ) -> None:
-    """Run estimator blocks on recorded measurements."""
+    """Run a recording: `quietfix run DATASET` in fewer words."""
     from diagrams.running import replay_command
 
-    replay_command(dataset, data, out, overwrite, file, settings)
+    asked = {"estimators": estimators, "settings": settings}
+    replay_command(dataset, {k: v for k, v in asked.items() if v}, out, overwrite, data, file)
 
 
 @app.command()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -36,14 +36,14 @@ class Shape:
     ----------
     wired : Assembly
         What is logged.
-    keep : str
-        Of `diagrams.study.KEEP`.
+    keeps : callable
+        Says of ``covariance``, ``prediction``, ``innovation``, ``measurement`` and each signal whether it is there.
     shared : collection of str
         Signals that all trials have in common; they have no dimension ``trial``.
     """
 
-    def __init__(self, wired: Assembly, keep: str, shared: Collection[str]) -> None:
-        self._wired, self._keep, self._shared = wired, keep, shared
+    def __init__(self, wired: Assembly, keeps: Callable[[str], bool], shared: Collection[str]) -> None:
+        self._wired, self._keeps, self._shared = wired, keeps, shared
         self._blocks = list(wired.estimators.values())
         self._states, self._truth_states = wired.estimated_names, wired.truth_names
         self._platforms = wired.platform_names
@@ -57,8 +57,9 @@ class Shape:
 
         Parameters
         ----------
-        times : ndarray, shape (time,)
-            Epochs [s].
+        times : ndarray, shape (time,) or (trials, epochs)
+            Epochs [s]; of tracks of unequal length those of each, NaN beyond its end. The dimension of the Dataset is
+            then ``epoch``, and ``time`` a coordinate (trial, epoch).
         signals : mapping of str to ndarray, shape (time, trials or 1, size)
             Logs by name.
         first, count : int
@@ -73,15 +74,17 @@ class Shape:
                 "platforms", states_of(signals["platforms"], count), ("time", "platform", "coordinate")
             ),
         }
-        coordinates = self._names(times, first, count)
-        if self._keep in ("covariance", "all"):
-            data["covariance"] = ((*_BY_STATE, "state_"), self._covariance(signals, count, len(times)))
+        epochs = times.shape[-1]
+        coordinates = self._names(times if times.ndim == 1 else np.arange(float(epochs)), first, count)
+        if self._keeps("covariance"):
+            data["covariance"] = ((*_BY_STATE, "state_"), self._covariance(signals, count, epochs))
             coordinates["state_"] = list(self._states)
-        if self._keep in ("measurements", "all"):
+        if self._keeps("measurement"):
             log = signals["measurement"].swapaxes(0, 1)[:count]
             data["measurement"] = self._of_trials("measurement", log, ("time", "row"))
             coordinates |= _named("row", self._stream(log.shape[-1]))
-            for name, port in self._wired.signals.items():
+        for name, port in self._wired.signals.items():
+            if self._keeps(name):
                 log = signals[name].swapaxes(0, 1)[:count]
                 carried = _carried(port, log.shape[-1])
                 about = {"long_name": f"{port.get_name().replace('_', ' ')} of {port.get_system().get_name()}"}
@@ -90,14 +93,18 @@ class Shape:
                 else:
                     coordinates |= _named(f"{name}_row", carried)
                 data[name] = (*self._of_trials(name, log, ("time", f"{name}_row")), about)
-        if self._keep == "all":
+        if self._keeps("prediction"):
             data["prediction"] = (_BY_STATE, self._by_state("prediction", signals, count))
+        if self._keeps("innovation"):
             data["innovation"] = ((*dims, "innovation_row"), self._innovation(signals, count))
             coordinates |= _named("innovation_row", self._innovations)
             owned = [{row.name for row in rows} for rows in self._rows]
             has = [[row.name in own for row in self._innovations] for own in owned]
             coordinates["in_innovation"] = (("estimator", "innovation_row"), has)
-        return xr.Dataset(data, coordinates)
+        dataset = xr.Dataset(data, coordinates)
+        if times.ndim == 1:
+            return dataset
+        return dataset.drop_vars("time").rename_dims(time="epoch").assign_coords(time=(("trial", "epoch"), times))
 
     def _names(self, times: Array, first: int, count: int) -> Coordinates:
         motions = [block.motion for block in self._blocks]

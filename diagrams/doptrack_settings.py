@@ -1,14 +1,26 @@
-"""What ``quietfix replay doptrack --set KEY=VALUE`` changes."""
+"""The scenario of `diagrams.doptrack`: what ``--set KEY=VALUE`` changes."""
 
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Union
 
-from systems.documented import Allowed, count, documented, number
+from systems.documented import Allowed, count, documented, number, text
+from systems.estimators.iekf import Iekf
+from systems.registry import estimator_options
 
 if TYPE_CHECKING:
     from diagrams.doptrack_data import Pass
+    from systems.estimators.options import EstimatorOptions
 
-__all__ = ["Selection", "Settings"]
+__all__ = ["ORDERS", "Selection", "Settings"]
+
+ORDERS = {"bias": 1, "bias_drift": 2, "bias_drift_rate": 3}
+"""The estimators of the scenario: how many states their oscillators have."""
+
+if TYPE_CHECKING:
+    EstimatorChoice = EstimatorOptions
+else:
+    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
 _POSITIVE = Allowed(lambda v: v > 0, "three numbers > 0")  # of each item
 
@@ -41,6 +53,7 @@ class Settings:
     the same again. A first look at residuals found 205, 13 and 8 m/s for the three `sigma_mps`.
     """
 
+    data: str = text("folder of the recording; empty: the environment variable QUIETFIX_DATA names it", "")
     selection: Selection = documented("which passes are used", factory=Selection)
     every_s: float = number("time between the samples that are used", 20.0, above=0)
     sigma_mps: list[float] = documented(
@@ -59,11 +72,27 @@ class Settings:
     offset_km: float = number("how far off the start is", 200.0, above=0, at_most=5000.0)
     offset_course_deg: float = number("and where to", 45.0)
     pause_s: float = number("after such a pause it is another pass", 1200.0, above=0)
+    oscillator_states: dict[str, int] = documented(
+        "how many states the oscillator has, by estimator: 1, its bias; 2, and drift; 3, and drift rate; 2 where "
+        "nothing is said",
+        factory=lambda: dict(ORDERS),
+    )
+    divergence_km: float = number("a horizontal error at the end beyond which an estimator is lost", 100.0, above=0)
+    estimators: dict[str, EstimatorChoice] = documented(
+        "the estimators and their options", factory=lambda: {name: Iekf() for name in ORDERS}
+    )
+
+    def order(self, name: str) -> int:
+        """Return how many states the oscillator of an estimator has."""
+        return self.oscillator_states.get(name, 2)
 
     def refused(self) -> str:
-        """Return what is wrong with lists as a whole; empty if nothing is."""
+        """Return what is wrong with lists and mappings as a whole; empty if nothing is."""
         for name in ("sigma_mps", "sigmas"):
             given = getattr(self, name)
             if len(given) != 3:
                 return f"{name}: {given} is not allowed; {_POSITIVE.words}"
+        for name, order in self.oscillator_states.items():
+            if order not in (1, 2, 3):
+                return f"oscillator_states.{name}: {order} is not allowed; 1, 2 or 3"
         return ""

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from diagrams.data import Source, data_folder
 from diagrams.errors import UserError
-from diagrams.replay import data_folder
 from systems.files import Unreadable, read_text
 from systems.motion.planar_flight import PlanarFlight, fit_planar_flight
 from systems.motion.rocket import LaunchSite
@@ -24,12 +23,7 @@ _LARGEST = 1e6  # s, m/s, km
 _EVENT_ERROR = 3.0  # s; the list of events gives whole seconds and the webcast's clock lags
 
 
-@dataclass(frozen=True)
-class _Telemetry:
-    """Where the record lies; see `diagrams.replay.Kept`."""
-
-    folder: str = "falcon9_telemetry"
-    source: str = "github.com/shahar603/Telemetry-Data at b245d3b"
+_TELEMETRY = Source("falcon9_telemetry", "github.com/shahar603/Telemetry-Data at b245d3b")
 
 
 @lru_cache(maxsize=4)
@@ -77,6 +71,6 @@ def _read(path: Path) -> dict[str, Any]:
 
 def falcon9_plant(vehicle: Any, site: LaunchSite, stop: float) -> RecordedFlight:
     """Return the flight as a plant; the data folder comes from QUIETFIX_DATA."""
-    folder = data_folder(_Telemetry(), None)
+    folder = data_folder(_TELEMETRY)
     flight = falcon9_flight(folder, vehicle.flight, stop, vehicle.smoothing_s, vehicle.largest_gap_s, site.radius)
     return RecordedFlight(flight)

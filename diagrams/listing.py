@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from diagrams.assembly.find import find, systems
+from diagrams.assembly.find import RECORDINGS, find, systems
 from diagrams.errors import UserError
 from diagrams.terminal import say
 
@@ -19,7 +19,7 @@ def list_systems(chosen: Sequence[str] | None = None) -> None:
     UserError
         For one of the chosen that is not there.
     """
-    for name in chosen or systems():
+    for name in chosen or [*systems(), *RECORDINGS]:
         try:
             lines = _lines(name)
         except UserError as error:

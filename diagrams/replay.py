@@ -11,7 +11,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from diagrams.assembly.find import RECORDINGS, Found
 from diagrams.errors import UserError, choose
+from diagrams.recordings import find_recording
 
 if TYPE_CHECKING:
     from diagrams.tables import Table
@@ -21,7 +23,6 @@ __all__ = ["REPLAYS", "Dataset", "Kept", "Replay", "data_folder", "replay", "rep
 REPLAYS: dict[str, str] = {
     "locards": "diagrams.locards:DATASET",
     "bearings": "diagrams.bearings:DATASET",
-    "doptrack": "diagrams.doptrack:DATASET",
     "kiwisdr": "diagrams.kiwisdr:DATASET",
     "iq": "diagrams.iq_replay:DATASET",
 }
@@ -131,14 +132,15 @@ def replay(
     progress: bool = True,
     file: Path | str | Sequence[Path | str] | None = None,
     settings: Sequence[str] = (),
+    estimators: Sequence[str] | None = None,
     overwrite: bool = False,
-) -> Replay:
-    """Run estimator blocks on a recording, print a table and, if asked, write figures and ``summary.json``.
+) -> Any:
+    """Run a recording as ``quietfix run`` does, print its tables and, if asked, write its results.
 
     Parameters
     ----------
     dataset : str
-        A name of `REPLAYS`.
+        Its name.
     data : path, optional
         See `data_folder`.
     out : path, optional
@@ -148,13 +150,16 @@ def replay(
     file : path or sequence of path, optional
         What is replayed, where the data set takes files of the user's own.
     settings : sequence of str
-        ``KEY=VALUE``, where the data set has settings.
+        ``KEY=VALUE``, changes of the scenario.
+    estimators : sequence of str, optional
+        By default those of the scenario.
     overwrite : bool
         Whether an earlier result in `out` may be replaced.
 
     Returns
     -------
-    Replay
+    Report
+        What the recording tells.
 
     Raises
     ------
@@ -164,8 +169,15 @@ def replay(
     from diagrams.output import OutputFolder
     from systems.registry import locate
 
-    entry: Dataset = locate(REPLAYS[choose("dataset", dataset, REPLAYS)])
     files = [Path(file)] if isinstance(file, str | Path) else [Path(one) for one in file or ()]
+    if choose("dataset", dataset, [*RECORDINGS, *REPLAYS]) not in REPLAYS:
+        from diagrams.running import run_command
+
+        asked = {"data": _places(find_recording(dataset), data, files), "set": settings, "estimators": estimators}
+        return run_command(dataset, {k: v for k, v in asked.items() if v}, None, _path(out), overwrite, False, progress)
+    if estimators:
+        raise UserError(f"--estimator: {estimators[0]} is not allowed for {dataset}")
+    entry: Dataset = locate(REPLAYS[dataset])
     extra = _settings(entry, settings)
     source = _own_files(entry, files) if entry.takes_file or files else data_folder(entry, data, entry.holds)
     if out is None:
@@ -176,6 +188,25 @@ def replay(
         _write(result, folder.work, dataset, time.monotonic() - began)
         folder.finish()
     return result
+
+
+def _places(found: Found, data: Path | str | None, files: Sequence[Path]) -> list[Path]:
+    """Return the folder, or the files of a user's own, of a recording."""
+    source = found.system.recording
+    assert source is not None
+    if source.folder:
+        if files:
+            raise UserError(f"FILE: {files[0]} is not allowed for {found.title}; its recording is in the data folder")
+        return [] if data is None else [Path(data)]
+    if data is not None:
+        raise UserError(f"--data: {data} is not allowed for {found.title}; name the files themselves")
+    if not files:
+        raise UserError(f"FILE: it is missing; {found.title} replays {source.origin}")
+    return list(files)
+
+
+def _path(out: Path | str | None) -> Path | None:
+    return None if out is None else Path(out)
 
 
 def _shown(dataset: Dataset, source: Any, progress: bool, extra: Sequence[Any]) -> Replay:

@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from diagrams.assembly.find import PACKAGED, Found, find, fingerprint_of, read_own, systems
+from diagrams.assembly.find import PACKAGED, RECORDINGS, Found, find, fingerprint_of, read_own, systems
 from diagrams.errors import UserError, choose
+from diagrams.recordings import with_data
 from diagrams.result_schema import check_version
 from diagrams.results import find_store
 from diagrams.store import read_attributes
@@ -57,7 +58,7 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
     found = replace(found, variant=variant)
     take("scenario", lambda v: found.system.load(text=v, trust=trust), "text", str)
     options = dict(asked)
-    settings = options.pop("set", [])
+    settings = with_data(found, options.pop("set", []), options.pop("data", None))
     again["scenario"] = found.system.load(text=attributes["scenario"], settings=settings, trust=trust)
     return found, again | options
 
@@ -65,7 +66,7 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
 def _system_again(take: _Taker, path: Path, system: str | None, trust: bool) -> Found:
     """Return the system of a result, without a variant: what it names, or what the user names in its place."""
     source = take("system_source", lambda v: choose("system_source", v, _SOURCES), "text", str, "packaged")
-    known = {"packaged": list(PACKAGED), "installed": systems()}.get(source)
+    known = {"packaged": [*PACKAGED, *RECORDINGS], "installed": systems()}.get(source)
     name = take("system", lambda v: v if known is None else choose("system", v, known), "text", str)
     named = None if system is None else find(system)
     if named is not None and not _alike(named, name, source):

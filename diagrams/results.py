@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from diagrams.errors import UserError
@@ -50,8 +52,17 @@ def open_result(path: Path | str) -> xr.Dataset:
     return upgraded(dataset, check_version(dataset.attrs, f"result: {store}"))
 
 
-def write_summary(path: Path, dataset: xr.Dataset, estimators: dict[str, Any], began: float) -> dict[str, Any]:
-    """Write ``summary.json`` and return what is in it."""
+def write_summary(
+    path: Path,
+    dataset: xr.Dataset,
+    estimators: dict[str, Any],
+    began: float,
+    report: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Write ``summary.json`` and return what is in it; `report`: what a recording tells beside it."""
+    told = dict(report or {})
+    for name, numbers in told.pop("estimators", {}).items():
+        estimators[name] |= numbers
     summary = {
         "schema_version": SCHEMA_VERSION,
         "system": dataset.attrs["system"],
@@ -61,8 +72,14 @@ def write_summary(path: Path, dataset: xr.Dataset, estimators: dict[str, Any], b
         "trials": int(dataset.sizes["trial"]),
         "version": dataset.attrs["version"],
         "run_seconds": round(time.monotonic() - began, 3),
-        "time_s": [float(t) for t in dataset["time"].values],
+        "time_s": _times(dataset["time"].values),
         "estimators": estimators,
+        **told,
     }
     path.write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     return summary
+
+
+def _times(values: Any) -> Any:
+    """Return the epochs, of tracks of unequal length a list each."""
+    return [_times(one) if one.ndim else float(one) for one in values if one.ndim or not np.isnan(one)]

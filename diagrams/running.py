@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -14,11 +14,15 @@ import xarray as xr
 from diagrams.assembly.find import FORMS, Found, find
 from diagrams.errors import UserError
 from diagrams.output import OutputFolder, written_beside
+from diagrams.recordings import only_simulated, with_data
 from diagrams.rerun import ask_again
 from diagrams.results import open_result, write_summary
 from diagrams.starting import why_not_started
 from diagrams.tables import Column, Table, lost, number, print_table
 from diagrams.terminal import say
+
+if TYPE_CHECKING:
+    from diagrams.assembly.recorded import Report
 
 __all__ = ["draw_command", "gdop_command", "observe_command", "replay_command", "run_command"]
 
@@ -30,8 +34,9 @@ def run_command(
     out: Path | None,
     overwrite: bool,
     trust: bool = False,
-) -> None:
-    """Run a study, print its table and write its folder; see ``quietfix run --help``."""
+    progress: bool = True,
+) -> Report | None:
+    """Run a study, print its table and write its folder; return what a recording tells; see ``quietfix run --help``."""
     from diagrams.metrics import summarise
     from diagrams.study import Study, join
 
@@ -44,26 +49,45 @@ def run_command(
         raise UserError("--trust: it needs --from RESULT; what you name yourself is trusted")
     if found is None:
         raise UserError(f"system: it is missing; a name that `quietfix list` prints, --from RESULT, {FORMS}")
+    if data := options.pop("data", None):
+        found = find(found)
+        options["set"] = with_data(found, options.get("set"), data)
     study = Study(found, **options)
     if out is None:
-        parts = list(study.chunks(progress=True))
+        parts = list(study.chunks(progress))
         dataset = join(parts)
-        print_summary(dataset, summarise(dataset))
-        return
+        report = study.report(dataset)
+        _print_all(dataset, summarise(dataset), report)
+        return report
     with OutputFolder(out, overwrite, "run", reads=from_) as folder:
         try:
-            for chunk in study.chunks(progress=True):
+            for chunk in study.chunks(progress):
                 folder.append(chunk)
         except KeyboardInterrupt:
             _say_interrupted(folder, study.request.trials)
             raise
         dataset = open_result(folder.store)
         estimators = summarise(dataset)
-        write_summary(folder.work / "summary.json", dataset, estimators, began)
+        report = study.report(dataset)
+        told = None if report is None else report.summary()
+        write_summary(folder.work / "summary.json", dataset, estimators, began, told)
         _illustrate(dataset, study, folder.work)
+        if report is not None:
+            report.draw(folder.work)
         folder.finish()
-    print_summary(open_result(folder.final), estimators)
+    _print_all(open_result(folder.final), estimators, report)
     print(f"wrote {out}: results.zarr, summary.json, figures, diagram.svg ({time.monotonic() - began:.1f} s)")
+    return report
+
+
+def _print_all(dataset: xr.Dataset, estimators: Mapping[str, Any], report: Report | None) -> None:
+    """Print the table of a study, where there is a truth to judge by, and that of a recording."""
+    if report is None or dataset["truth"].notnull().any():
+        print_summary(dataset, estimators)
+    if report is not None:
+        print_table(report.table())
+        for line in report.notes():
+            say(line)
 
 
 def _say_interrupted(folder: OutputFolder, trials: int) -> None:
@@ -124,6 +148,7 @@ def draw_command(
     settings: Sequence[str] | None,
     scenario: Path | None,
     out: Path | None,
+    data: Sequence[Path] | None = None,
 ) -> None:
     """Draw a block diagram; see ``quietfix draw --help``."""
     from diagrams.drawing import draw, is_drawing
@@ -136,6 +161,7 @@ def draw_command(
     existed = path.exists()
     if existed and out is None and path.is_file() and not is_drawing(path):
         raise UserError(f"--out: {path} exists and was not drawn by this program; name it to replace it")
+    settings = with_data(found, settings, data)
     with written_beside(path) as beside:
         study = Study(found, scenario=scenario, estimators=estimators, set=settings, trials=1)
         draw(study.picture, beside, dashed=study.probe.dashed, header=system)
@@ -149,6 +175,7 @@ def gdop_command(
     from diagrams.maps.command import map_figures
 
     found = find(system)
+    only_simulated(found, "gdop")
     resolved = found.system.load(found.variant, scenario, settings or [])
     out = out or Path("gdop")
     with OutputFolder(out, overwrite, "gdop") as folder:
@@ -171,6 +198,7 @@ def observe_command(
     from diagrams.observability import observe, report, write_observability
 
     where = find(system)
+    only_simulated(where, "observe")
     found = observe(where, estimators=estimators, window=window, scenario=scenario, set=settings)
     if out is not None:
         from diagrams.figures.observability import observe_figures
@@ -186,15 +214,13 @@ def observe_command(
 
 def replay_command(
     dataset: str,
-    data: Path | None,
+    asked: Mapping[str, Any],
     out: Path | None,
     overwrite: bool,
+    data: Path | None = None,
     file: list[Path] | None = None,
-    settings: list[str] | None = None,
 ) -> None:
-    """Replay recorded measurements; see ``quietfix replay --help``."""
+    """Run a recording; see ``quietfix replay --help``."""
     from diagrams.replay import replay
 
-    replay(dataset, data=data, out=out, overwrite=overwrite, file=file, settings=settings or ())
-    if out is not None:
-        print(f"wrote {out}")
+    replay(dataset, data, out, True, file, overwrite=overwrite, **asked)

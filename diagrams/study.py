@@ -14,12 +14,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
+from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from diagrams.assembly.build import Assembly, build
 from diagrams.assembly.find import Found, find
 from diagrams.assembly.lineup import select_estimators
 from diagrams.assembly.model import Model
+from diagrams.assembly.recorded import Report
 from diagrams.assembly.system import System
 from diagrams.bounds import StudyBounds
 from diagrams.dataset import Shape, states_of
@@ -27,11 +28,11 @@ from diagrams.described import described
 from diagrams.errors import UserError, choose
 from diagrams.progress import Progress
 from diagrams.result_schema import SCHEMA_VERSION
+from diagrams.runs import Run, padded, runs, simulate
 from diagrams.scenario import dump
 from diagrams.score import Score
 from systems.clocks import Clock, Times
 from systems.recorder import Recorder, record
-from systems.signals import Draw, set_draw
 
 __all__ = ["KEEP", "Study", "join", "run_study"]
 
@@ -104,7 +105,7 @@ class Study:
         variant: str | None = None,
         scenario: Any = None,
         estimators: Sequence[str] | None = None,
-        trials: int = 100,
+        trials: int | None = None,
         first_trial: int = 0,
         seed: int = 0,
         set: Sequence[str] | Mapping[str, Any] | None = None,
@@ -116,7 +117,7 @@ class Study:
         self.found = found = find(system, variant)
         self.system = found.system
         for what, value, least in (
-            ("trials", trials, 1),
+            ("trials", 1 if trials is None else trials, 1),
             ("first-trial", first_trial, 0),
             ("seed", seed, 0),
             ("every", every, 1),
@@ -129,39 +130,66 @@ class Study:
         scenario = dataclasses.replace(scenario, estimators=dict(scenario.estimators))
         chosen = select_estimators(scenario, estimators)
         scenario.estimators = {key: scenario.estimators[key] for key in chosen}
+        self.model = model or found.model(scenario)
+        self.recorded = self.model.recorded
         self.request = _Request(
             found.reference,
             found.variant,
             scenario,
             chosen,
-            int(trials),
+            self._count(trials, int(first_trial)),
             int(first_trial),
             int(seed),
             keep,
             int(every),
             chunk,
         )
-        self.model = model or found.model(scenario)
         # Two trials tell what each trial has of its own from what all share; in one both look alike.
         with self.blaming():
-            self.probe = self.assemble(DiagramBuilder(), 2)
+            self.probe = self.assemble(DiagramBuilder(), 1 if self.recorded else 2)
             shapes = self._signals(self.probe)[1]
-            shared = {signal for signal, (trials, _) in shapes.items() if trials == 1}
-            self._shape = Shape(self.probe, keep, shared)
+            shared = {signal for signal, (alike, _) in shapes.items() if alike == 1 and not self.recorded}
+            self._shape = Shape(self.probe, self._keeps, shared)
             self._floats = sum(size for _, size in shapes.values())
             self._truth_names = self.probe.truth_names
+            self._epochs = self._longest()
             self._asked_chunk = chunk
             self.chunk = self._width(self.request.trials)
         self._running: _Running | None = None
 
+    def _count(self, trials: int | None, first: int) -> int:
+        """Return how many trials to run: 100, or the tracks of a recording."""
+        if self.recorded is None:
+            return 100 if trials is None else int(trials)
+        tracks = len(self.recorded.tracks)
+        count = tracks - first if trials is None else int(trials)
+        if not first < first + count <= tracks:
+            held = "a recording of 1 track" if tracks == 1 else f"a recording of {tracks} tracks"
+            raise UserError(
+                f"trials: {count} from {first} on {'is' if count == 1 else 'are'} not allowed; {self.found.title} is "
+                f"{held}, and each is a trial"
+            )
+        return count
+
     def _width(self, count: int) -> int:
         """Return how many of so many trials to run at once, so that the memory of a chunk is bounded."""
+        if self.recorded is not None:
+            return 1
         if self._asked_chunk:
             return self._asked_chunk
         ticks = len(self.model.clock.ticks(self.model.duration)) / self.request.every
         fits = max(1, min(count, self.model.widest or _LARGEST_CHUNK, int(_CHUNK_BYTES / (8 * self._floats * ticks))))
         # Chunks of equal width: the last one runs full and is cut, which wastes up to a whole chunk.
         return math.ceil(count / math.ceil(count / fits))
+
+    def _longest(self) -> int:
+        """Return how many epochs of a track are kept at most, of those that are run."""
+        if self.recorded is None or not self.recorded.clocks:
+            return 0
+        request = self.request
+        chosen = self.recorded.clocks[request.first_trial : request.first_trial + request.trials]
+        most = max(len(clock.ticks(math.inf)) for clock in chosen)
+        return math.ceil((most - 1) / request.every) + 1
 
     # ---- building
 
@@ -220,22 +248,26 @@ class Study:
         self, wired: Assembly, scores: Mapping[str, Score] | None = None
     ) -> tuple[dict[str, Any], dict[str, tuple[int, int]]]:
         """Return the ports to record by name, and their shapes."""
-        keep = self.request.keep
         ports = wired.course
         for name, estimator in wired.estimators.items():
             wanted = ["estimate", "nis", "nis_dof"]
-            wanted += ["covariance"] if keep in ("covariance", "all") else []
-            wanted += ["innovation", "prediction"] if keep == "all" else []
+            wanted += [port for port in ("covariance", "innovation", "prediction") if self._keeps(port)]
             ports |= {f"{name}/{port}": estimator.GetOutputPort(port) for port in wanted}
         if scores is not None:
             ports |= {f"{name}/nees": score.GetOutputPort("nees") for name, score in scores.items()}
-        if keep in ("measurements", "all"):
-            ports |= {"measurement": wired.measurement, **wired.signals}
+        extra = {"measurement": wired.measurement, **wired.signals}
+        ports |= {name: port for name, port in extra.items() if self._keeps(name)}
         shapes = {name: port.get_system().output_size(port.get_name()) for name, port in ports.items()}
         return ports, shapes
 
+    def _keeps(self, what: str) -> bool:
+        """Return whether a port of the estimators, ``measurement``, or one of the model's signals is kept."""
+        levels = {"covariance": ("covariance",), "innovation": (), "prediction": ()}
+        asked = self.request.keep in ("all", *levels.get(what, ("measurements",)))
+        return asked or (self.recorded is not None and what in self.recorded.keeps)
+
     def _record_clock(self, clock: Clock, duration: float) -> Clock:
-        if self.request.every == 1:
+        if self.request.every == 1 or self._epochs:
             return clock
         ticks = clock.ticks(duration)
         return Times(np.union1d(ticks[:: self.request.every], ticks[-1:]))
@@ -267,30 +299,49 @@ class Study:
             del chunk
 
     def _chunks(self, progress: bool, first: int, trials: int) -> Iterator[xr.Dataset]:
-        request = self.request
+        request, recorded = self.request, self.recorded
         running = self._diagram_for(trials)
-        wired, recorders, width = running.wired, running.recorders, running.width
-        recorder, simulator = recorders[0], Simulator(running.diagram)
-        bounds = StudyBounds(wired, wired.clock.ticks(wired.duration))
+        wired, width = running.wired, running.width
+        simulator = Simulator(running.diagram)
+        bounds = StudyBounds(wired, wired.clock.ticks(wired.duration)) if recorded is None or recorded.bounds else None
         with Progress(f"{self.system.name}, {trials} trials", trials, progress) as bar:
-            for done in range(0, trials, width):
-                size = min(width, trials - done)
-                begin = request.first_trial + first + done
-                context = self._run(simulator, running, bar, done, begin)
-                times, signals = recorder.result(context)
-                path = signals if request.every == 1 else recorders[1].result(context)[1]
+            for together in runs(self.model, request.first_trial + first, trials, width):
+                begin, size = together[0].first, sum(run.size for run in together)
+                done = together[0].done + size
+                times, signals, path = self._run(simulator, running, together, bar)
                 present = np.isfinite(path["sensed"].swapaxes(0, 1)[:size])
-                bounds.add(path["truth"].swapaxes(0, 1)[:size], states_of(path["platforms"], size), size, present)
+                if bounds is not None:
+                    bounds.add(path["truth"].swapaxes(0, 1)[:size], states_of(path["platforms"], size), size, present)
                 chunk = self._shape.dataset(times, signals, begin, size).assign_attrs(self.attributes())
                 rows = np.broadcast_to(present.sum(axis=-1).max(axis=-1), size)
                 chunk = chunk.assign_coords(measured_rows=("trial", rows, {"rows": present.shape[-1]}))
-                if done + size == trials:
+                if done == trials and bounds is not None:
                     kept = np.isin(bounds.times, times)
                     chunk = chunk.assign({name: (dims, v[:, kept]) for name, (dims, v) in bounds.variables().items()})
                 # a generator keeps its variables while it waits and while the next chunk runs
-                del context, signals, path, present, rows
+                del signals, path, present, rows
                 yield described(chunk)
                 del chunk
+
+    def _run(
+        self, simulator: Simulator, running: _Running, together: Sequence[Run], bar: Progress
+    ) -> tuple[Array, dict[str, Array], dict[str, Array]]:
+        """Return times, signals, and what the bounds read at all epochs, of the runs of a chunk."""
+        logs = []
+        for run in together:
+
+            def tell(share: float, run: Run = run) -> None:
+                bar.update(run.done + running.width * share)
+
+            context = simulate(simulator, running.diagram, self.model, run, self.request.seed, tell)
+            logs.append([recorder.result(context) for recorder in running.recorders])
+            del context
+        clocks = [run.clock for run in together if run.clock is not None]
+        if clocks:
+            times, signals = padded([log[0] for log in logs], clocks, self._epochs, self.request.every)
+            return times, signals, signals
+        (times, signals), path = logs[0][0], logs[0][-1][1]
+        return times, signals, path
 
     def _diagram_for(self, count: int) -> _Running:
         """Return the diagram that runs so many trials: the one that is there, unless another is much cheaper."""
@@ -299,41 +350,19 @@ class Study:
             wired, builder, scores = self.wire(width)
             recorder = record(builder, self._signals(wired, scores)[0], self._record_clock(wired.clock, wired.duration))
             recorders = [recorder]
-            if self.request.every > 1:
+            if self.request.every > 1 and not self._epochs:
                 # The bound's recursion needs every epoch, also those that are not kept.
                 recorders.append(record(builder, wired.course, wired.clock, "course"))
             self._running = _Running(width, wired, wired.finish(), recorders)
         return self._running
 
-    def _run(
-        self,
-        simulator: Simulator,
-        running: _Running,
-        bar: Progress,
-        done: int,
-        begin: int,
-    ) -> Context:
-        wired = running.wired
-        context = running.diagram.CreateDefaultContext()
-        set_draw(running.diagram, context, Draw(self.request.seed, begin))
-        simulator.reset_context(context)
-
-        def monitor(root: Context) -> EventStatus:
-            bar.update(done + running.width * root.get_time() / wired.duration)
-            return EventStatus.DidNothing()
-
-        simulator.set_monitor(monitor)
-        try:
-            simulator.Initialize()
-            # rounding may put the last tick a bit after the end: 3 * 0.1 > 0.3
-            simulator.AdvanceTo(max(wired.duration, *wired.clock.ticks(wired.duration)[-1:]))
-        finally:
-            simulator.clear_monitor()
-        return context
-
     def blaming(self) -> AbstractContextManager[None]:
         """Turn whatever a user's own code raises, in a class or in the system, into a `UserError` that names it."""
         return self.found.blaming(self.request.scenario.estimators)
+
+    def report(self, dataset: xr.Dataset) -> Report | None:
+        """Return what a recording tells of a result of the study beside what is told of every one."""
+        return None if self.recorded is None or self.recorded.report is None else self.recorded.report(dataset)
 
     def attributes(self) -> dict[str, Any]:
         """Return what a result needs to be run again from itself."""
@@ -370,7 +399,7 @@ def run_study(
     variant: str | None = None,
     scenario: Any = None,
     estimators: Sequence[str] | None = None,
-    trials: int = 100,
+    trials: int | None = None,
     first_trial: int = 0,
     seed: int = 0,
     set: Sequence[str] | Mapping[str, Any] | None = None,
@@ -393,7 +422,8 @@ def run_study(
     estimators : sequence of str, optional
         Names in the scenario or the registry, or ``package.module:Class``; all of the scenario by default.
     trials, first_trial : int
-        How many trials, and the number of the first: trial 37 alone is ``first_trial=37, trials=1``.
+        How many trials (by default 100; of a recording all its tracks), and the number of the first: trial 37 alone is
+        ``first_trial=37, trials=1``.
     seed : int
         Seed of all noise.
     set : sequence of ``KEY=VALUE`` or mapping, optional

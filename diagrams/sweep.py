@@ -21,6 +21,7 @@ from diagrams.compared_study import ComparedStudy
 from diagrams.errors import UserError, choose, texts
 from diagrams.json_numbers import json_numbers
 from diagrams.metrics import diverged, not_started
+from diagrams.recordings import only_simulated
 from diagrams.scenario import natural_name
 from diagrams.state_errors import errors
 from diagrams.study import join
@@ -153,6 +154,7 @@ class Sweep:
         if isinstance(trials, int) and trials == 1:
             raise UserError("trials: 1 is not allowed; intervals over trials need at least 2")
         found = find(system, variant)
+        only_simulated(found, "sweep")
         settings = texts("set", set)
         base = found.system.load(found.variant, scenario, settings)
         kind = _numeric_kind(base, self.vary.key)

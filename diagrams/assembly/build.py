@@ -203,6 +203,7 @@ def _estimator(model: Model, bus: Bus, name: str, options: Any) -> Estimator:
         platforms=carriers[1] // 6,
         platform_trials=carriers[0],
         noise_port="noise_covariance" in {**takes, **assumed.feedback},
+        tails=assumed.tails,
     )
     block: Estimator = options.make(name, assumed.model, assumed.motion, assumed.start, wiring)
     for port, make in assumed.on_demand.items():

@@ -21,7 +21,7 @@ from diagrams.errors import UserError, choose
 from systems.files import Unreadable, read_bytes
 from systems.registry import in_one_line, locate
 
-__all__ = ["FORMS", "GROUP", "PACKAGED", "Found", "find", "fingerprint_of", "read_own", "systems"]
+__all__ = ["FORMS", "GROUP", "PACKAGED", "RECORDINGS", "Found", "find", "fingerprint_of", "read_own", "systems"]
 
 PACKAGED: dict[str, str] = {
     "three_satellite": "diagrams.three_satellite:SYSTEM",
@@ -32,11 +32,17 @@ PACKAGED: dict[str, str] = {
 }
 """Where each system that comes with Quietfix is, as ``module:NAME``; a new one is one line here."""
 
+RECORDINGS: dict[str, str] = {
+    "doptrack": "diagrams.doptrack:SYSTEM",
+}
+"""Where each recording is; likewise."""
+
 GROUP = "quietfix.systems"
 """Entry points of installed packages: a system's name, and where it is, as ``package.module:OBJECT``."""
 
 FORMS = "or package.module:OBJECT, FILE.py:OBJECT or FILE.yaml for one of your own"
 
+_OURS = {**PACKAGED, **RECORDINGS}
 _OWN = "diagrams.own.system:own_system"  # named, not imported: the room of the systems is above this one
 
 _PYTHON_FILE = re.compile(r"(?P<file>.+\.py)(?::(?P<object>[^:]*))?(?::(?P<variant>[^:]*))?", re.DOTALL)
@@ -131,8 +137,8 @@ class Found:
 
 
 def systems() -> list[str]:
-    """Return the names of the systems: the packaged ones, and those of installed packages."""
-    return [*PACKAGED, *(name for name in _installed() if name not in PACKAGED)]
+    """Return the names of what is simulated: the packaged systems, and those of installed packages."""
+    return [*PACKAGED, *(name for name in _installed() if name not in _OURS)]
 
 
 def find(reference: str | System | Found, variant: str | None = None, folder: Path | None = None) -> Found:
@@ -159,10 +165,10 @@ def find(reference: str | System | Found, variant: str | None = None, folder: Pa
     if isinstance(reference, System):
         return _placed(reference).of(variant)
     if not isinstance(reference, str):
-        choose("system", reference, systems())
+        choose("system", reference, [*systems(), *RECORDINGS])
     head, _, tail = reference.partition(":")
-    if head in PACKAGED:
-        found = Found(locate(PACKAGED[head]), None, head, "packaged")
+    if head in _OURS:
+        found = Found(locate(_OURS[head]), None, head, "packaged")
         return found.of(variant or (tail if ":" in reference else None))
     if match := _PYTHON_FILE.fullmatch(reference):
         found = _in_file(match["file"], match["object"], folder or Path())
@@ -179,7 +185,7 @@ def find(reference: str | System | Found, variant: str | None = None, folder: Pa
 
 def _unknown(head: str, reference: str) -> UserError:
     try:
-        choose("system", head, systems())
+        choose("system", head, [*systems(), *RECORDINGS])
     except UserError as error:
         module = f"; there is no module {head}" if ":" in reference and "." in head else ""
         return UserError(f"{error}; {FORMS}{module}")
@@ -280,7 +286,7 @@ def _placed(system: System) -> Found:
 
 
 def _of_module(system: System, module: ModuleType, name: str) -> Found:
-    for packaged, path in PACKAGED.items():
+    for packaged, path in _OURS.items():
         if path == f"{module.__name__}:{name}":
             return Found(system, None, packaged, "packaged")
     place = _file(module)

@@ -8,8 +8,9 @@ from typing import Any, Protocol
 
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.map import BoundMap
+from diagrams.assembly.recorded import Recorded
 from systems.clocks import Clock
-from systems.estimators.base import Estimator
+from systems.estimators.base import Estimator, Tails
 from systems.estimators.start import Start
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
@@ -47,6 +48,8 @@ class Assumed:
         Likewise, for signals that are there only when all is built.
     on_demand : mapping of str to callable
         Input ports that only some estimators have: ``(bus, estimator) -> signal`` makes what such a one gets.
+    tails : Tails, optional
+        Rows whose noise is not Gaussian; Kalman-type filters weigh them accordingly.
     """
 
     model: MeasurementModel
@@ -57,6 +60,7 @@ class Assumed:
     clock: Clock | None = None
     feedback: Mapping[str, str] = field(default_factory=dict)
     on_demand: Mapping[str, Callable[[Bus, Estimator], str]] = field(default_factory=dict)
+    tails: Tails | None = None
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,8 @@ class Model:
         The convergence time is when the RMSE of the position falls below this for good [m]; None: as `metrics` has it.
     widest : int, optional
         Most trials at once, where blocks need much memory of their own for each.
+    recorded : Recorded, optional
+        What makes it a recording: measurements are played, not simulated.
     map : callable, optional
         ``() -> BoundMap``: where targets may be and what their bound depends on, for ``quietfix gdop``; by default
         those of `diagrams.maps.default`.
@@ -118,4 +124,5 @@ class Model:
     note: str = ""
     convergence: float | None = None
     widest: int | None = None
+    recorded: Recorded | None = None
     map: Callable[[], BoundMap] | None = None

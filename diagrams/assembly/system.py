@@ -16,6 +16,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from diagrams.assembly.build import Assembly, build
 from diagrams.assembly.lineup import check_names, refuse_classes, select_estimators
 from diagrams.assembly.model import Model
+from diagrams.data import Source
 from diagrams.errors import UserError, choose, texts
 from diagrams.scenario import apply_setting, check_object, dump, load, merge, read_yaml
 from systems.clocks import Periodic
@@ -53,6 +54,8 @@ class System:
         What each variant lays over it.
     file : Path, optional
         The YAML file that all of it was read from.
+    recording : Source, optional
+        Of a recording: where it comes from. Its scenario has the field ``data``, the folder or the files.
 
     Raises
     ------
@@ -67,6 +70,7 @@ class System:
     base: Layer = field(default_factory=dict)
     variants: Mapping[str, Layer] = field(default_factory=dict)
     file: Path | None = None
+    recording: Source | None = None
 
     def __post_init__(self) -> None:
         """Check the arguments, and resolve annotations that are texts."""
@@ -278,6 +282,8 @@ def _resolve(schema: Any, where: str, seen: set[Any] | None = None) -> None:
 
 def _check_sense(scenario: Any) -> None:
     """Check what the types of the fields do not say."""
+    if hasattr(scenario, "refused") and (refused := scenario.refused()):
+        raise UserError(refused)
     _check_epochs(scenario)
     check_names(scenario)
 

@@ -26,11 +26,26 @@ from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 from systems.signals import Draw, EnsembleBlock, check_trials, components_of
 
-__all__ = ["Belief", "Epoch", "Estimator", "Innovation", "Memory", "Wiring"]
+__all__ = ["Belief", "Epoch", "Estimator", "Innovation", "Memory", "Tails", "Wiring"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Memory = dict[str, Array]
+
+
+class Tails(NamedTuple):
+    """Rows whose noise has tails as Student's t.
+
+    Attributes
+    ----------
+    rows : tuple of str
+        Their names.
+    freedom : float
+        Degrees of freedom; the fewer the heavier.
+    """
+
+    rows: tuple[str, ...]
+    freedom: float
 
 
 @dataclass(frozen=True)
@@ -51,6 +66,8 @@ class Wiring:
         1 where all trials share the platforms, else `trials`.
     noise_port : bool
         True where R comes with the measurement, on the port ``noise_covariance``.
+    tails : Tails, optional
+        Rows whose noise is not Gaussian; Kalman-type filters weigh them accordingly.
     """
 
     trials: int
@@ -59,6 +76,7 @@ class Wiring:
     platforms: int
     platform_trials: int = 1
     noise_port: bool = False
+    tails: Tails | None = None
 
     def __post_init__(self) -> None:
         """Check the arguments."""

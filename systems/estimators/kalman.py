@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from systems.estimators.base import Epoch, Estimator, Innovation, Memory, Wiring
 from systems.estimators.start import Start
 from systems.filters.gaussian import GaussianFilter
+from systems.filters.robust import StudentRows
 from systems.filters.whitening import Whitener
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
@@ -41,6 +42,9 @@ class KalmanEstimator(Estimator):
         start: Start,
         wiring: Wiring,
     ) -> None:
+        if wiring.tails is not None:
+            tailed = [i for i, row in enumerate(model.names) if row in wiring.tails.rows]
+            algorithm = StudentRows(algorithm, wiring.tails.freedom, tailed)
         self.algorithm = algorithm
         self._whitener = Whitener(model.noise_covariance())
         super().__init__(name, model, motion, start, wiring)

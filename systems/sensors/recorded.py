@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, NumericParameterIndex
+from pydrake.systems.framework import Context
 
-from systems.clocks import Merged, Times
-from systems.signals import EnsembleBlock
+from systems.clocks import Times
+from systems.tracks import Tracked
 
 __all__ = ["RecordedMeasurements", "Recording"]
 
@@ -96,7 +95,7 @@ class Recording:
         return trials, rows, self.platforms.shape[1], self.platforms.shape[2], self.noise_covariance is not None
 
 
-class RecordedMeasurements(EnsembleBlock):
+class RecordedMeasurements(Tracked):
     """All recordings of a data set behind the ports of a sensor; a run plays one of them.
 
     Outputs ``measurement`` and ``platforms``, and ``noise_covariance`` where the recordings have one; NaN between
@@ -132,7 +131,6 @@ class RecordedMeasurements(EnsembleBlock):
     """
 
     def __init__(self, recordings: Sequence[Recording], name: str = "recorded") -> None:
-        super().__init__(name)
         if not recordings:
             raise ValueError(f"{name}: no recordings; at least one is needed")
         layouts = {recording.layout for recording in recordings}
@@ -141,54 +139,19 @@ class RecordedMeasurements(EnsembleBlock):
                 f"{name}: recordings must agree in (trials, rows, trials of platforms, platforms, R given), "
                 f"there are {sorted(layouts)}"
             )
+        super().__init__(name, [recording.clock for recording in recordings])
         self.recordings = list(recordings)
         self.trials, self.rows, self.platform_trials, self.platforms, noisy = layouts.pop()
-        # samples of two recordings that differ by rounding are one tick
-        self.clock = Times(Merged([recording.clock for recording in recordings]).ticks(np.inf))
-
-        self._track = self.DeclareNumericParameter(BasicVector([0.0]))
-        tickets = {self.time_ticket(), self.numeric_parameter_ticket(NumericParameterIndex(self._track))}
-        self._serve("measurement", self.trials, self.rows, tickets)
-        self._serve("platforms", self.platform_trials, 6 * self.platforms, tickets)
+        self._serve("measurement", self.trials, self.rows)
+        self._serve("platforms", self.platform_trials, 6 * self.platforms)
         if noisy:
-            self._serve("noise_covariance", self.trials, self.rows**2, tickets)
+            self._serve("noise_covariance", self.trials, self.rows**2)
 
-    def select(self, root_context: Context, recording: int) -> float:
-        """Let a context play a recording.
-
-        Parameters
-        ----------
-        root_context : Context
-            Context of the diagram, before the run; its time is set to the first sample.
-        recording : int
-            Index of the recording.
-
-        Returns
-        -------
-        float
-            Time of the last sample [s].
-        """
-        if not 0 <= recording < len(self.recordings):
-            raise ValueError(
-                f"{self.get_name()}: recording {recording} is not allowed; 0 to {len(self.recordings) - 1}"
-            )
-        mine = self.GetMyMutableContextFromRoot(root_context)
-        mine.get_mutable_numeric_parameter(self._track).SetFromVector([float(recording)])
-        times, ticks = self.recordings[recording].times, self.clock.ticks(np.inf)
-        first, last = (ticks[self.clock.index(time)] for time in times[[0, -1]])
-        root_context.SetTime(first)
-        return float(last)
-
-    def _serve(self, name: str, trials: int, size: int, tickets: Iterable[Any]) -> None:
+    def _serve(self, name: str, trials: int, size: int) -> None:
         gap = np.full((trials, size), np.nan)
 
         def value(context: Context) -> Array:
-            track, sample = self._find(context)
+            track, sample = self.playing(context)
             return gap if sample is None else getattr(self.recordings[track], name)[sample]
 
-        self.declare_output(name, trials, size, value, tickets)
-
-    def _find(self, context: Context) -> tuple[int, int | None]:
-        """Return which recording plays, and which of its samples is now."""
-        track = int(context.get_numeric_parameter(self._track).value()[0])
-        return track, self.recordings[track].clock.index(context.get_time())
+        self.declare_output(name, trials, size, value, self.track_tickets)

@@ -5,16 +5,23 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagrams.doptrack import ORDERS, Settings, batch_fix, replay_passes
+from diagrams.data import data_folder
+from diagrams.doptrack import ORDERS, SOURCE, Settings, batch_fix, declare_passes
 from diagrams.doptrack_data import read_passes, teme_to_earth_fixed
 from diagrams.doptrack_settings import Selection
 from diagrams.errors import UserError
-from diagrams.replay import data_folder, replay
+from diagrams.replay import replay
 from systems.constants import EARTH_RATE
 from systems.geodetic import ecef_to_geodetic
 from tests.fitting import check_fits
+from tests.golden.recordings import report_of
 
 BAD = "202004011959"
+
+
+def replay_passes(passes, settings=None):
+    settings = settings or Settings()
+    return report_of("doptrack", declare_passes(passes, settings), settings)
 
 
 @pytest.fixture(scope="module")
@@ -117,10 +124,8 @@ def test_what_is_refused(passes, tmp_path):
     (tmp_path / "Delfi-C3_1.yml").write_text("tracking: {}\n")
     with pytest.raises(UserError, match="cannot be read"):
         read_passes(tmp_path)
-    from diagrams.doptrack import DATASET
-
     with pytest.raises(UserError, match="TU Delft"):
-        data_folder(dataclasses.replace(DATASET), tmp_path)
+        data_folder(SOURCE, tmp_path / "nowhere")
 
 
 def _copied(folder, to, count=1):

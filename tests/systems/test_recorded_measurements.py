@@ -102,7 +102,7 @@ def test_recordings_must_fit_together():
     with pytest.raises(ValueError, match="must agree"):
         RecordedMeasurements([recording([0.0]), recording([0.0], rows=3)])
     block = RecordedMeasurements([recording([0.0])])
-    with pytest.raises(ValueError, match="recording 1 is not allowed; 0 to 0"):
+    with pytest.raises(ValueError, match="track 1 is not allowed; 0 to 0"):
         block.select(block.CreateDefaultContext(), 1)
 
 

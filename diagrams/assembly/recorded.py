@@ -1,0 +1,61 @@
+"""What makes a model a recording: the tracks that were recorded, and what it says of a result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from systems.clocks import Clock
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from diagrams.tables import Table
+
+__all__ = ["Recorded", "Report"]
+
+
+class Report(Protocol):
+    """What is to be said of a recording beside what is said of every study."""
+
+    def table(self) -> Table:
+        """Return the table that is printed."""
+
+    def notes(self) -> list[str]:
+        """Return lines for below the table."""
+
+    def summary(self) -> Mapping[str, Any]:
+        """Return numbers for ``summary.json``; null where undefined.
+
+        What is under ``estimators`` is added to the estimators there, by name.
+        """
+
+    def draw(self, folder: Path) -> list[Path]:
+        """Draw the figures into a folder and return their paths."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What makes a model a recording.
+
+    Attributes
+    ----------
+    tracks : sequence of str
+        Names of the tracks; each is a trial of a study. One: the clock of the model is its own.
+    clocks : sequence of Clock
+        Epochs of each, where there are several; blocks that play them are `systems.tracks.Tracked`.
+    report : callable, optional
+        ``(result) -> Report``.
+    keeps : sequence of str
+        What of a result the report needs: ``covariance``, ``measurement``, names of the model's signals.
+    bounds : bool
+        Whether a bound along the recorded truth means something.
+    """
+
+    tracks: Sequence[str] = ("recorded",)
+    clocks: Sequence[Clock] = ()
+    report: Callable[[xr.Dataset], Report] | None = None
+    keeps: Sequence[str] = ()
+    bounds: bool = False
