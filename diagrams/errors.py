@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
-__all__ = ["UserError", "choose", "one_line", "texts"]
+__all__ = ["UserError", "choose", "in_users_words", "one_line", "shown", "texts"]
 
 _LONGEST = 2000  # characters of a message
 _BRIEF = 60
 
 
 class UserError(ValueError):
-    """A mistake in what the user asked for; the message names the field, the value and what is allowed."""
+    """A mistake in what the user asked for; the message names the field, the value and what is allowed.
+
+    Attributes
+    ----------
+    placed : bool
+        Whether it also says in which file that is.
+    """
+
+    placed = False
 
 
 def choose(what: str, value: str, allowed: Iterable[str]) -> str:
@@ -40,6 +50,23 @@ def texts(what: str, values: Any) -> list[str]:
         if not isinstance(one, str):
             raise UserError(f"{what}: {_brief(one)} in it is not allowed; a list of texts")
     return found
+
+
+@contextmanager
+def in_users_words() -> Iterator[None]:
+    """Turn a `ValueError`, by which a block or a reader of ours says what is wrong, into a `UserError`."""
+    try:
+        yield
+    except UserError:
+        raise
+    except ValueError as error:
+        raise UserError(str(error)) from error
+
+
+def shown(path: Path) -> str:
+    """Return a path as a user would write it: from the current folder on, where it is in there."""
+    here = Path.cwd()
+    return str(path.relative_to(here)) if path.is_absolute() and path.is_relative_to(here) else str(path)
 
 
 def one_line(message: str) -> str:

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from pydrake.common.yaml import yaml_dump, yaml_load_typed
 
-from diagrams.errors import UserError, choose
-from diagrams.yaml_text import LONGEST, load_yaml
+from diagrams.errors import UserError, choose, shown
+from diagrams.yaml_text import LONGEST, BadYaml, load_yaml
 from systems.documented import Allowed, refusal
 from systems.files import Unreadable, read_text
 
@@ -39,14 +39,16 @@ def read_yaml(source: Path | str, what: str = "scenario file") -> dict[str, Any]
     UserError
         If the file is missing or unreadable, not a YAML mapping, or too large.
     """
-    where = str(source) if isinstance(source, Path) else "scenario"
+    where = shown(source) if isinstance(source, Path) else "scenario"
     try:
         text = read_text(source, LONGEST) if isinstance(source, Path) else source
     except Unreadable as error:
         raise UserError(f"{what}: {error}") from error
     try:
         data = load_yaml(text)
-    except ValueError as error:
+    except BadYaml as error:
+        if isinstance(source, Path) and error.line is not None:
+            raise UserError(f"{where}:{error.line}: the {what} {error}") from error
         raise UserError(f"{what}: {where} {error}") from error
     if data is None:
         return {}
@@ -88,7 +90,14 @@ def apply_setting(data: Mapping[str, Any], setting: str) -> dict[str, Any]:
     key, equals, value = setting.partition("=")
     if not equals or not key.strip():
         raise UserError(f"--set: {setting!r} is not allowed; KEY=VALUE, such as truth.sigma_tdoa_ns=30")
-    return _set_path(data, key.strip().split("."), read_yaml(f"value: {value}")["value"])
+    try:
+        read = read_yaml(f"value: {value}")
+    except UserError as error:
+        reason = str(error.__cause__ or error)
+        raise UserError(f"--set: {setting!r:.200} {reason}") from error
+    if list(read) != ["value"]:
+        raise UserError(f"--set: {setting!r:.200} is not allowed; one value, such as truth.sigma_tdoa_ns=30")
+    return _set_path(data, key.strip().split("."), read["value"])
 
 
 def _set_path(data: Any, path: list[str], value: Any) -> Any:

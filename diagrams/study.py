@@ -25,7 +25,8 @@ from diagrams.assembly.system import System
 from diagrams.bounds import StudyBounds
 from diagrams.dataset import Shape, states_of
 from diagrams.described import described
-from diagrams.errors import UserError, choose
+from diagrams.errors import UserError, choose, in_users_words
+from diagrams.origins import origins_of
 from diagrams.progress import Progress
 from diagrams.result_schema import SCHEMA_VERSION
 from diagrams.runs import Run, padded, runs, simulate
@@ -124,10 +125,12 @@ class Study:
             ("chunk", 1 if chunk is None else chunk, 1),
         ):
             if not isinstance(value, int | np.integer) or isinstance(value, bool) or not least <= value < 2**53:
-                raise UserError(f"{what}: {value!r} is not allowed; a whole number >= {least}")
+                raise UserError(f"{what}: {value!r} is not allowed; a whole number from {least} to {2**53 - 1}")
         choose("keep", keep, KEEP)
         scenario = self.system.resolve(found.variant, scenario, set)
+        self._origins = origins_of(scenario)
         scenario = dataclasses.replace(scenario, estimators=dict(scenario.estimators))
+        self._origins.remember(scenario)
         chosen = select_estimators(scenario, estimators)
         scenario.estimators = {key: scenario.estimators[key] for key in chosen}
         self.model = model or found.model(scenario)
@@ -229,14 +232,9 @@ class Study:
             If something does not fit.
         """
         options = self.request.scenario.estimators
-        try:
-            with self.blaming():
-                chosen = {name: options[name] for name in estimators or self.request.estimators}
-                wired = build(self.model, builder, chosen, trials)
-        except UserError:
-            raise
-        except ValueError as error:  # a block says what is wrong with its arguments in the user's words
-            raise UserError(str(error)) from error
+        with self._origins.placing(), in_users_words(), self.blaming():
+            chosen = {name: options[name] for name in estimators or self.request.estimators}
+            wired = build(self.model, builder, chosen, trials)
         blocks = [block.get_name() for block in builder.GetSystems()]
         blocks += ["recorder", "course", *(f"score_{name}" for name in wired.estimators)]
         for name in wired.estimators:

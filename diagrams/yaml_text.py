@@ -7,12 +7,13 @@ many as the text is long.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import yaml
 from pydrake.common.yaml import yaml_load
 
-__all__ = ["LONGEST", "load_yaml"]
+__all__ = ["LONGEST", "BadYaml", "lines_of", "load_yaml"]
 
 LONGEST = 250_000
 """Of a text, in characters; the packaged scenarios have 4 kB at most."""
@@ -22,26 +23,104 @@ _MOST_VALUES = 50_000  # aliases written out
 _PARSER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
+class BadYaml(ValueError):
+    """A text that cannot be read; the message says what it is, to be put behind its name.
+
+    Attributes
+    ----------
+    line : int or None
+        Where, counted from 1, if that is known.
+    """
+
+    def __init__(self, message: str, line: int | None = None) -> None:
+        super().__init__(message)
+        self.line = line
+
+
 def load_yaml(text: str) -> Any:
     """Return what a YAML text holds, tags of mappings kept as ``_tag``.
 
     Raises
     ------
-    ValueError
-        If it is not valid YAML, too long, too deep, or its aliases stand for too much; what the text is, to be put
-        behind its name.
+    BadYaml
+        If it is not valid YAML, too long, too deep, its aliases stand for too much, or a mapping has a name twice.
     """
     if len(text) > LONGEST:
-        raise ValueError(f"is too long ({len(text)} characters; at most {LONGEST} are allowed)")
+        raise BadYaml(f"is too long ({len(text)} characters; at most {LONGEST} are allowed)")
     try:
         excess = _excess(text)
+        if excess is None:
+            _refuse_unclear(yaml.compose(text, Loader=_PARSER))
         data = yaml_load(data=text) if text and excess is None else None
+    except BadYaml:
+        raise
     except Exception as error:  # PyYAML's own, and what its constructors of dates and numbers let through
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(f"is not valid YAML ({reason})") from error
+        raise _not_valid(text, error) from error
     if excess is not None:
-        raise ValueError(excess)
+        raise BadYaml(excess)
     return data
+
+
+def _not_valid(text: str, error: Exception) -> BadYaml:
+    mark = getattr(error, "problem_mark", None)
+    reason = " ".join(str(getattr(error, "problem", None) or error).split()) or type(error).__name__
+    if mark is None:
+        return BadYaml(f"is not valid YAML ({reason})")
+    rows = text.splitlines()
+    if mark.line < len(rows) and "\t" in rows[mark.line][: mark.column + 1]:
+        reason += "; a tab, where there must be spaces"
+    return BadYaml(f"is not valid YAML ({reason})", mark.line + 1)
+
+
+def lines_of(text: str) -> dict[str, int]:
+    """Return in which line each field of a YAML text is, counted from 1, by its dotted path.
+
+    Parameters
+    ----------
+    text : str
+        Of what `load_yaml` can read; of another one nothing is known.
+    """
+    try:
+        root = yaml.compose(text, Loader=_PARSER) if _excess(text) is None else None
+    except yaml.YAMLError:
+        return {}
+    return {path: key.start_mark.line + 1 for path, key in _fields(root, "")}
+
+
+def _fields(node: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Yield dotted paths, and the node of the key (of an item in a list: the item) of each."""
+    if isinstance(node, yaml.MappingNode):
+        pairs = [(str(key.value), key, value) for key, value in node.value]
+    elif isinstance(node, yaml.SequenceNode):
+        pairs = [(str(i), item, item) for i, item in enumerate(node.value)]
+    else:
+        return
+    for name, key, value in pairs:
+        here = f"{path}.{name}" if path else name
+        yield here, key
+        yield from _fields(value, here)
+
+
+def _refuse_unclear(node: Any, path: str = "") -> None:
+    """Refuse a mapping that has a name twice, which YAML's readers pass over in silence, and a tag of no mapping."""
+    if node is not None and node.tag.startswith("!") and not isinstance(node, yaml.MappingNode):
+        line, head = node.start_mark.line + 1, f"{path}: " if path else ""
+        raise BadYaml(f"is not allowed ({head}a mapping must follow {node.tag}, such as {node.tag} {{}})", line)
+    pairs = node.value if isinstance(node, yaml.MappingNode) else []
+    first: dict[tuple[str, str], int] = {}
+    for key, _ in pairs:
+        if not isinstance(key, yaml.ScalarNode) or key.value == "<<":
+            continue
+        line, where = key.start_mark.line + 1, f"{path}.{key.value}" if path else key.value
+        if (key.tag, key.value) in first:
+            before = first[key.tag, key.value]
+            raise BadYaml(f"has {where} twice, the first time in line {before}; names must differ", line)
+        first[key.tag, key.value] = line
+    values = [(str(getattr(key, "value", "")), value) for key, value in pairs]
+    if isinstance(node, yaml.SequenceNode):
+        values = [(str(i), item) for i, item in enumerate(node.value)]
+    for name, value in values:
+        _refuse_unclear(value, f"{path}.{name}" if path else name)
 
 
 def _excess(text: str) -> str | None:

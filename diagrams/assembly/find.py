@@ -17,7 +17,8 @@ from typing import Any
 from diagrams.assembly.model import Model
 from diagrams.assembly.source import blaming, import_file, import_module
 from diagrams.assembly.system import System
-from diagrams.errors import UserError, choose
+from diagrams.errors import UserError, choose, in_users_words
+from diagrams.origins import origins_of
 from systems.files import Unreadable, read_bytes
 from systems.registry import in_one_line, locate
 
@@ -115,13 +116,8 @@ class Found:
         UserError
             If something does not fit, or the system's own code fails.
         """
-        try:
-            with self.blaming(scenario.estimators):
-                return self.system.model(scenario)
-        except UserError:
-            raise
-        except ValueError as error:  # an orbit, a file: in the user's words
-            raise UserError(str(error)) from error
+        with origins_of(scenario).placing(), in_users_words(), self.blaming(scenario.estimators):
+            return self.system.model(scenario)
 
     def of(self, variant: str | None) -> Found:
         """Return another variant of it; None: the same.

@@ -18,6 +18,7 @@ from diagrams.assembly.lineup import check_names, refuse_classes, select_estimat
 from diagrams.assembly.model import Model
 from diagrams.data import Source
 from diagrams.errors import UserError, choose, texts
+from diagrams.origins import Origins
 from diagrams.scenario import apply_setting, check_object, dump, load, merge, read_yaml
 from systems.clocks import Periodic
 from systems.counting import count
@@ -131,15 +132,20 @@ class System:
             if not trust:
                 refuse_classes(load(self.scenario, [data]))
         else:
-            data = self._base()
+            with Origins([] if self.file is None else [self.file]).placing():
+                data = self._base()
             if variant is not None:
                 data = merge(data, _values(self.variants[self.variant(variant)]))
         if file is not None:
             data = merge(data, read_yaml(Path(file)))
         for setting in settings:
             data = apply_setting(data, setting)
-        scenario = load(self.scenario, [data])
-        _check_sense(scenario)
+        written = [self.file if text is None else None, None if file is None else Path(file)]
+        origins = Origins([path for path in written if path is not None], settings)
+        with origins.placing():
+            scenario = load(self.scenario, [data])
+            origins.remember(scenario)
+            _check_sense(scenario)
         return scenario
 
     def resolve(self, variant: str | None, scenario: Any, settings: Any) -> Any:

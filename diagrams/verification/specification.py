@@ -8,6 +8,7 @@ from diagrams.assembly.find import find
 from diagrams.assembly.lineup import estimator_key
 from diagrams.assembly.source import beside
 from diagrams.errors import UserError, choose
+from diagrams.origins import Origins
 from diagrams.scenario import load, read_yaml
 from diagrams.verification.metric import Metric
 from diagrams.verification.metrics import MetricChoice, RmseRatio
@@ -90,12 +91,10 @@ def read_specification(path: Path) -> Specification:
     data = read_yaml(path, "requirements file")
     if not data:
         raise UserError(f"requirements file: {path} is empty; a system and its requirements are needed")
-    try:
-        specification = load(Specification, [data])
+    with Origins([path]).placing():
+        specification: Specification = load(Specification, [data])
         with beside(path.parent):
             _complete(specification, path.parent)
-    except UserError as error:
-        raise UserError(f"{path.name}: {error}") from error
     return specification
 
 

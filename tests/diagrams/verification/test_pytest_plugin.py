@@ -86,7 +86,7 @@ def test_a_mistake_is_one_line_at_collection(folder, session):
     (folder / "three.requirements.yaml").write_text(THREE.replace("at_most: 9000", "at_mots: 9000"))
     status, out = session()
     assert status == 2 and "Traceback" not in out
-    assert "three.requirements.yaml: requirements.0.at_mots: at_mots is not known (did you mean at_most?)" in out
+    assert "three.requirements.yaml:9: requirements.0.at_mots: at_mots is not known (did you mean at_most?)" in out
     (folder / "three.requirements.yaml").write_text(
         THREE.replace("time_s: 10}, at_most: 9000", "time_s: 99}, at_most: 9")
     )
