@@ -42,10 +42,13 @@ class Origins:
         try:
             yield
         except UserError as error:
-            place = self.place(str(error))
+            message = str(error)
+            for file in self.files:
+                message = message.removeprefix(f"{shown(file)}: ")
+            place = self.place(message)
             if error.placed or not place:
                 raise
-            placed = UserError(f"{place}: {error}")
+            placed = UserError(f"{place}: {message}")
             placed.placed = True
             raise placed from error
 
@@ -59,7 +62,11 @@ class Origins:
             return ""
         for file in reversed(self.files):
             lines = _lines(file)
-            path = max((path for path in lines if _begins(message, path)), key=len, default="")
+            # a block begins with its own name, which is that of an estimator
+            blocks = [
+                path for path in lines if path.startswith("estimators.") and _begins(f"estimators.{message}", path)
+            ]
+            path = max((path for path in lines if _begins(message, path)), key=len, default="") or "".join(blocks[:1])
             if path:
                 return f"{shown(file)}:{lines[path]}"
         return shown(self.files[0]) if self.files else ""

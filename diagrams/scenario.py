@@ -43,7 +43,7 @@ def read_yaml(source: Path | str, what: str = "scenario file") -> dict[str, Any]
     try:
         text = read_text(source, LONGEST) if isinstance(source, Path) else source
     except Unreadable as error:
-        raise UserError(f"{what}: {error}") from error
+        raise UserError(f"{what}: {where} cannot be read ({error.reason})") from error
     try:
         data = load_yaml(text)
     except BadYaml as error:
@@ -152,8 +152,10 @@ def check(schema: Any, data: Any, path: str = "") -> None:
             raise UserError(f"{path}: {data!r} is not allowed; a mapping")
         for key, item in data.items():
             if not isinstance(key, str) or not key:
-                shown = _scalar(key) if key != "" else "''"
-                raise UserError(f"{path}: the name {shown} is not allowed; text (a number in quotes)")
+                given = _scalar(key) if key != "" else "''"
+                raise UserError(f"{path}: the name {given} is not allowed; text (a number in quotes)")
+            if key in (_TAG, *_KEYWORDS, *_KEYWORDS.values()):
+                raise UserError(f"{path}: the name {key} is not allowed; another one, for that is a word of Python")
             check(typing.get_args(schema)[1], item, f"{path}.{key}")
     else:
         _check_primitive(schema, data, path)

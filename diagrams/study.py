@@ -131,7 +131,8 @@ class Study:
         self._origins = origins_of(scenario)
         scenario = dataclasses.replace(scenario, estimators=dict(scenario.estimators))
         self._origins.remember(scenario)
-        chosen = select_estimators(scenario, estimators)
+        with self._origins.placing():
+            chosen = select_estimators(scenario, estimators)
         scenario.estimators = {key: scenario.estimators[key] for key in chosen}
         self.model = model or found.model(scenario)
         self.recorded = self.model.recorded
@@ -235,11 +236,11 @@ class Study:
         with self._origins.placing(), in_users_words(), self.blaming():
             chosen = {name: options[name] for name in estimators or self.request.estimators}
             wired = build(self.model, builder, chosen, trials)
-        blocks = [block.get_name() for block in builder.GetSystems()]
-        blocks += ["recorder", "course", *(f"score_{name}" for name in wired.estimators)]
-        for name in wired.estimators:
-            if blocks.count(name) > 1:
-                raise UserError(f"estimators: the name {name} is not allowed; another block of the diagram has it")
+            blocks = [block.get_name() for block in builder.GetSystems()]
+            blocks += ["recorder", "course", *(f"score_{name}" for name in wired.estimators)]
+            for name in {name for name in blocks if blocks.count(name) > 1}:
+                what = "estimators" if name in wired.estimators else "block"
+                raise UserError(f"{what}: the name {name} is not allowed; another block of the diagram has it")
         return wired
 
     def _signals(

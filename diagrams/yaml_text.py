@@ -63,7 +63,10 @@ def load_yaml(text: str) -> Any:
 
 def _not_valid(text: str, error: Exception) -> BadYaml:
     mark = getattr(error, "problem_mark", None)
-    reason = " ".join(str(getattr(error, "problem", None) or error).split()) or type(error).__name__
+    words = str(getattr(error, "problem", None) or error)
+    if words.startswith("but "):  # the second half of what PyYAML says
+        words = f"{getattr(error, 'context', None) or ''}, {words}"
+    reason = " ".join(words.split()) or type(error).__name__
     if mark is None:
         return BadYaml(f"is not valid YAML ({reason})")
     rows = text.splitlines()
@@ -106,6 +109,12 @@ def _refuse_unclear(node: Any, path: str = "") -> None:
     if node is not None and node.tag.startswith("!") and not isinstance(node, yaml.MappingNode):
         line, head = node.start_mark.line + 1, f"{path}: " if path else ""
         raise BadYaml(f"is not allowed ({head}a mapping must follow {node.tag}, such as {node.tag} {{}})", line)
+    if node is not None and node.tag.endswith(":timestamp"):
+        try:
+            yaml.safe_load(node.value)
+        except ValueError as error:
+            head = f"{path}: " if path else ""
+            raise BadYaml(f"is not valid YAML ({head}{node.value}: {error})", node.start_mark.line + 1) from error
     pairs = node.value if isinstance(node, yaml.MappingNode) else []
     first: dict[tuple[str, str], int] = {}
     for key, _ in pairs:

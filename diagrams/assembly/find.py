@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
@@ -17,7 +18,7 @@ from typing import Any
 from diagrams.assembly.model import Model
 from diagrams.assembly.source import blaming, import_file, import_module
 from diagrams.assembly.system import System
-from diagrams.errors import UserError, choose, in_users_words
+from diagrams.errors import UserError, choose, in_users_words, shown
 from diagrams.origins import origins_of
 from systems.files import Unreadable, read_bytes
 from systems.registry import in_one_line, locate
@@ -106,7 +107,8 @@ class Found:
         title : str
             What the message begins with; by default the system.
         """
-        return blaming(title or self.title, self.place, self.source != "packaged", estimators)
+        title = title or (shown(self.place) if self.source == "yaml" and self.place else self.title)
+        return blaming(title, self.place, self.source != "packaged", estimators)
 
     def model(self, scenario: Any) -> Model:
         """Return what a scenario declares, once for all diagrams of it.
@@ -192,7 +194,7 @@ def _unknown(head: str, reference: str) -> UserError:
 
 
 def _in_file(file: str, name: str | None, folder: Path) -> Found:
-    path = (folder / file).resolve()
+    path = Path(os.path.realpath(folder / file))  # unlike `resolve`, of a link to itself, too
     module, fingerprint = import_file(path, file)
     return Found(_object(module, file, name), None, f"{file}:{name}", "file", path, fingerprint)
 
@@ -204,7 +206,7 @@ def _in_module(module: str, name: str) -> Found:
 
 
 def _yaml(file: str, folder: Path) -> Found:
-    path = (folder / file).resolve()
+    path = Path(os.path.realpath(folder / file))  # unlike `resolve`, of a link to itself, too
     try:
         fingerprint = _digest(read_bytes(path))
     except Unreadable as error:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.doptrack_data import teme_to_earth_fixed
-from diagrams.errors import UserError
+from diagrams.errors import UserError, shown
 from diagrams.formation import ReferenceOrbit
 from diagrams.instants import instant
 from diagrams.own.movers import Sp3, Tle, Track
@@ -184,6 +184,8 @@ def sp3_path(field: Sp3, setting: Setting, earth_rate: float, where: str) -> Pat
         # From the last sample before the start: the first one after it is too late.
         before = float(orbit.times[int(np.searchsorted(orbit.times, start, side="right")) - 1])
         times, states = orbit.inertial(before, earth_rate)
+    except Unreadable as error:
+        raise UserError(f"{where}.file: {shown(path)} cannot be read ({error.reason})") from error
     except ValueError as error:
         raise UserError(f"{where}.file: {error}") from error
     # Its axes are Earth-fixed at that sample; ours are at the start.
@@ -275,7 +277,7 @@ def _table(path: FilePath, where: str) -> tuple[list[str], Array, list[str] | No
     try:
         lines = [line for line in csv.reader(read_text(path).lstrip("\ufeff").splitlines(), strict=True) if line]
     except Unreadable as error:
-        raise UserError(f"{where.partition(':')[0]}: {error}") from error
+        raise UserError(f"{where.partition(':')[0]}: {shown(path)} cannot be read ({error.reason})") from error
     except csv.Error as error:
         raise UserError(f"{where} cannot be read ({error})") from error
     names = [name.strip() for name in lines[0]] if lines else []

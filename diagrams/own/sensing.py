@@ -30,6 +30,7 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _TAKEN = {
     "assumed_height",
     "carriers",
+    "course",
     "flight",
     "initial_estimate",
     "known",
@@ -44,9 +45,11 @@ _TAKEN = {
     "prediction_covariance",
     "prior",
     "raw",
+    "recorder",
     "target",
     "truth",
 }
+_BEGINS = ("score_",)
 _ENDS = ("_raw", "_reading_error", "_attitude_error")
 
 
@@ -281,7 +284,7 @@ def _check_apart(sensors: Sequence[PlacedSensor]) -> None:
 def _check_name(name: str, where: str, scenario: OwnScenario) -> None:
     if not NAME.fullmatch(name):
         raise UserError(f"{where}: the name {name!r} is not allowed; letters, digits and _, a letter first")
-    if name in _TAKEN or name in scenario.estimators or name.endswith(_ENDS):
+    if name in _TAKEN or name in scenario.estimators or name.endswith(_ENDS) or name.startswith(_BEGINS):
         raise UserError(f"{where}: the name {name} is not allowed; something else in the diagram has it")
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Assumed, Model, Part
 from diagrams.assembly.system import System
-from diagrams.errors import UserError
+from diagrams.errors import UserError, shown
 from diagrams.formation import gravity_constants
 from diagrams.own.beginning import Surroundings, begin
 from diagrams.own.impairing import Together, impaired
@@ -146,7 +146,9 @@ def own_system(path: FilePath, text: str | None = None) -> System:
         sys.path.append(str(folder))
     base = read_yaml(path, "system") if text is None else read_yaml(text)
     if not base:
-        raise UserError(f"system: {path} is empty; platforms, a target, sensors and estimators are needed")
+        raise UserError(f"system: {shown(path)} is empty; platforms, a target, sensors and estimators are needed")
+    if "target" not in base:
+        raise UserError(f"{shown(path)}: target: none is given; one is needed")
     return System(
         name=re.sub(r"[^\w+-]|^_+", "-", path.stem).strip("-")[:60] or "own",
         title=f"declared in {path.name}",

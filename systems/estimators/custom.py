@@ -35,7 +35,10 @@ class Custom(EstimatorOptions):
         ValueError
             If the class cannot be found, is neither kind, refuses the options, or fails.
         """
-        kind = locate(self.class_)
+        try:
+            kind = locate(self.class_)
+        except ValueError as error:
+            raise ValueError(f"estimators.{name}.{error}") from error
         try:
             return self._made(kind, name, model, motion, start, wiring)
         except KeyboardInterrupt:
