@@ -14,7 +14,7 @@ from diagrams.json_schema import schema_text
 from diagrams.own.schema import OwnScenario
 from diagrams.scenario import check, read_yaml
 
-OWN = sorted(Path(__file__).parent.glob("*.yaml"))
+OWN = sorted(path for path in Path(__file__).parent.glob("*.yaml") if ".requirements" not in path.suffixes)
 PACKAGED = sorted((Path(diagrams.__file__).parent / "scenarios").glob("*.yaml"))
 
 

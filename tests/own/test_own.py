@@ -1,6 +1,9 @@
 """Systems of a user's own, as a user writes them: each a YAML file beside this one."""
 
 import dataclasses
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +80,23 @@ def check_consistent(name, trials, ratio, estimators):
     low, high = chi2.ppf([0.025 / 25, 1 - 0.025 / 25], freedom) / freedom
     mean = at_five["nees"].mean("trial") / result.sizes["state"]
     assert ((mean > low) & (mean < high)).all(), (mean.values, low, high)
+
+
+def test_short_files_are_short():
+    lines = {name: len((HERE / name).read_text().splitlines()) for name in ("drone.yaml", "altitude.yaml")}
+    assert lines["drone.yaml"] <= 25 and lines["altitude.yaml"] == 13
+
+
+@pytest.mark.slow
+def test_thirteen_lines_to_a_table(record_property):
+    """From the command to its table, Python's own start included; the time is in the JUnit record, and printed."""
+    began = time.monotonic()
+    command = [sys.executable, "-m", "diagrams", "run", str(HERE / "altitude.yaml")]
+    found = subprocess.run(command, capture_output=True, text=True, check=True, cwd=HERE.parents[1])
+    seconds = time.monotonic() - began
+    record_property("seconds", f"{seconds:.2f}")
+    print(f"altitude.yaml, 100 trials of 100 s: {seconds:.2f} s")
+    assert "RMSE of position" in found.stdout and "ekf" in found.stdout
 
 
 def test_rows_are_named_after_platforms():
