@@ -70,6 +70,10 @@ def comparison_statistics(
     names = [str(name) for name in dataset["estimator"].values]
     never = not_started(dataset)
     nobody = never.all("estimator").values
+
+    def resampled(squares: Array, by: PairedBootstrap) -> Replicates:
+        return by.apply(squares, lambda means: _rmse_and_mean(means, epoch))
+
     rows: dict[str, dict[str, Any]] = {}
     replicates: list[Replicates] = []
     squared: list[Array] = []
@@ -77,13 +81,11 @@ def comparison_statistics(
         one, out = dataset.sel(estimator=[name]), never.sel(estimator=name).values
         error = errors(one)["position"].where(~never.sel(estimator=[name]))
         squares = np.square(error.values[0])
-        found = draws.apply(squares, lambda means: _rmse_and_mean(means, epoch))
+        found = resampled(squares, draws)
         # Who does not start where another does is not the better for it: there its error is infinite.
         alone = (out & ~nobody)[:, None]
         squared.append(np.where(alone, np.inf, squares))
-        replicates.append(
-            draws.apply(squared[-1], lambda means: _rmse_and_mean(means, epoch)) if alone.any() else found
-        )
+        replicates.append(resampled(squared[-1], draws) if alone.any() else found)
         row: dict[str, Any] = {"causal": causal(dataset, name)}
         row |= _errors_entry(one, error, interval(found, confidence), epoch)
         lost_now = np.isinf(error.values[0, :, epoch])
@@ -93,7 +95,7 @@ def comparison_statistics(
 
     def finer() -> list[Replicates]:
         more = dataclasses.replace(draws, resamples=_FINER * resamples)
-        return [more.apply(one, lambda means: _rmse_and_mean(means, epoch)) for one in squared]
+        return [resampled(one, more) for one in squared]
 
     is_causal = np.array([row["causal"] for row in rows.values()])
     return {

@@ -12,7 +12,7 @@ __all__ = ["Stopwatch"]
 
 
 class Stopwatch:
-    """Time spent in an estimator's own `first`, `move`, `correct` and `moments`.
+    """Time spent in an estimator's own `first`, `predict`, `update` and `moments`.
 
     Ports, caches, sensors and scores are not in it, nor blocks before the estimator. It is the processor time of this
     thread, so that other programs on the machine do not count.
@@ -27,10 +27,10 @@ class Stopwatch:
     seconds : float
         Time so far [s].
     steps : int
-        Corrections so far.
+        Updates so far.
     """
 
-    watched = ("first", "move", "correct", "moments")
+    watched = ("first", "predict", "update", "moments")
 
     def __init__(self, estimator: Estimator) -> None:
         self.seconds, self.steps = 0.0, 0
@@ -52,7 +52,7 @@ class Stopwatch:
                 return method(own(), *arguments)
             finally:
                 self.seconds += time.thread_time() - began
-                self.steps += name == "correct"
+                self.steps += name == "update"
                 self._depth -= 1
 
         return call

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from systems.angle_wrapping import wrap
 from systems.documented import choice, number
-from systems.estimators.base import Epoch, Innovation, Memory, Wiring
+from systems.estimators.base import Wiring
 from systems.estimators.kalman import KalmanEstimator
+from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.estimators.start import Start
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.base import positive
@@ -121,11 +122,11 @@ class AzimuthFilter(KalmanEstimator):
         piece = np.full((mean.shape[0], 1), self._piece_at(epoch.time))
         return {**super().begin(mean, covariance, epoch), "piece": piece}
 
-    def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
-        """See `Estimator.move`."""
-        return {**super().move(memory, dt, epoch), "piece": memory["piece"]}
+    def predict(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
+        """See `Estimator.predict`."""
+        return {**super().predict(memory, dt, epoch), "piece": memory["piece"]}
 
-    def correct(
+    def update(
         self,
         memory: Memory,
         measurement: Array,
@@ -133,8 +134,8 @@ class AzimuthFilter(KalmanEstimator):
         noise_covariance: Array | None,
         epoch: Epoch,
     ) -> tuple[Memory, Innovation]:
-        """See `Estimator.correct`; the innovation is against the old piece."""
-        posterior, innovation = super().correct(memory, measurement, platforms, noise_covariance, epoch)
+        """See `Estimator.update`; the innovation is against the old piece."""
+        posterior, innovation = super().update(memory, measurement, platforms, noise_covariance, epoch)
         piece = self._piece_at(epoch.time)
         restart = (memory["piece"][:, 0] < piece) & np.isfinite(measurement[:, 0])
         if not restart.any():

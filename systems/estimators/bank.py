@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.documented import count, number
-from systems.estimators.base import Epoch, Estimator, Memory, Wiring
+from systems.estimators.base import Estimator, Wiring
 from systems.estimators.hypothesis_bank import HypothesisBank
+from systems.estimators.memory import Epoch, Memory
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.start import Start
 from systems.filters.gaussian import GaussianFilter

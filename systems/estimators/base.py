@@ -1,6 +1,6 @@
 """The estimator block: one contract for every filter.
 
-The state is the last posterior and the time it holds for. A cache entry ``prior`` moves it to now, a cache entry
+The state is the last posterior and the time it holds for. A cache entry ``prior`` predicts it for now, a cache entry
 ``posterior`` updates it with the measurement of now, the ports read the caches, and an event at every tick
 stores (posterior, now, used). So the log at t_k shows the estimate with the measurement of t_k, regular and
 irregular sampling are one code path, and ``prediction`` does not feed through and can be fed back.
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -20,17 +20,17 @@ from pydrake.systems.framework import Context, DiscreteValues
 
 from systems.clocks import Clock, same_instant
 from systems.counting import count
+from systems.estimators.memory import TO_COME, Epoch, Innovation, Memory, Remembered
 from systems.estimators.start import Start
 from systems.filters.whitening import unknown_rows
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
-from systems.signals import Draw, EnsembleBlock, check_trials, components_of
+from systems.signals import EnsembleBlock, check_trials, components_of
 
-__all__ = ["Belief", "Epoch", "Estimator", "Innovation", "Memory", "Tails", "Wiring"]
+__all__ = ["Estimator", "Tails", "Wiring"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Memory = dict[str, Array]
 
 
 class Tails(NamedTuple):
@@ -85,72 +85,6 @@ class Wiring:
             raise ValueError(f"platforms have {self.platform_trials} trials; 1 or {self.trials} are allowed")
 
 
-class Epoch:
-    """Which instant it is.
-
-    Parameters
-    ----------
-    time : float
-        [s].
-    tick : int, callable or None
-        Index of the tick, None between ticks; a callable is asked only when somebody wants to know.
-    draw : Draw or callable
-        The run's random numbers; likewise.
-    """
-
-    __slots__ = ("_draw", "_tick", "time")
-
-    def __init__(
-        self, time: float, tick: int | Callable[[], int | None] | None, draw: Draw | Callable[[], Draw]
-    ) -> None:
-        self.time = time
-        self._tick = tick
-        self._draw = draw
-
-    @property
-    def tick(self) -> int | None:
-        """Index of the tick, None between ticks."""
-        return self._tick() if callable(self._tick) else self._tick
-
-    @property
-    def draw(self) -> Draw:
-        """The run's random numbers."""
-        return self._draw() if callable(self._draw) else self._draw
-
-
-class Innovation(NamedTuple):
-    """What an update reports: innovation (trials, m), NIS (trials,) and its degrees of freedom (trials,)."""
-
-    value: Array
-    nis: Array
-    nis_dof: Array
-
-
-_TO_COME = Innovation(np.empty(0), np.empty(0), np.empty(0))  # of a prior
-
-
-class Belief:
-    """What a cache holds: memory, innovation, which trials have started; the moments when they are first asked for.
-
-    ``current`` says that the measurement of now is in it.
-    """
-
-    __slots__ = ("_moments", "current", "innovation", "memory", "started")
-
-    def __init__(self, memory: Memory, innovation: Innovation, started: Mask, current: bool) -> None:
-        self.memory = memory
-        self.innovation = innovation
-        self.started = started
-        self.current = current
-        self._moments: tuple[Array, Array] | None = None
-
-    def moments(self, summarise: Callable[[Memory], tuple[Array, Array]]) -> tuple[Array, Array]:
-        """Return mean and covariance."""
-        if self._moments is None:
-            self._moments = summarise(self.memory)
-        return self._moments
-
-
 class Estimator(EnsembleBlock):
     """Base of all estimator blocks.
 
@@ -158,7 +92,7 @@ class Estimator(EnsembleBlock):
     start asks for. Outputs ``estimate``, ``covariance``, ``prediction``, ``prediction_covariance``, ``innovation``,
     ``nis``, ``nis_dof``.
 
-    A subclass says what it remembers per trial (`memory_sizes`), how that begins, moves, is corrected and
+    A subclass says what it remembers per trial (`memory_sizes`), how that begins, is predicted, updated and
     summarised. It never reads a truth port.
 
     Parameters
@@ -250,11 +184,11 @@ class Estimator(EnsembleBlock):
         return self.begin(mean, covariance, epoch), np.all(np.isfinite(mean), axis=-1)
 
     @abstractmethod
-    def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
+    def predict(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
         """Return the memory `dt` seconds later."""
 
     @abstractmethod
-    def correct(
+    def update(
         self,
         memory: Memory,
         measurement: Array,
@@ -310,9 +244,9 @@ class Estimator(EnsembleBlock):
         self.declare_output("covariance", trials, n * n, lambda c: self.posterior_moments(c)[1], after)
         self.declare_output("prediction", trials, n, lambda c: self._prior_moments(c)[0], before, states)
         self.declare_output("prediction_covariance", trials, n * n, lambda c: self._prior_moments(c)[1], before)
-        self.declare_output("innovation", trials, m, lambda c: self._belief(c).innovation.value, after, rows)
-        self.declare_output("nis", trials, 1, lambda c: self._belief(c).innovation.nis, after)
-        self.declare_output("nis_dof", trials, 1, lambda c: self._belief(c).innovation.nis_dof, after)
+        self.declare_output("innovation", trials, m, lambda c: self._updated(c).innovation.value, after, rows)
+        self.declare_output("nis", trials, 1, lambda c: self._updated(c).innovation.nis, after)
+        self.declare_output("nis_dof", trials, 1, lambda c: self._updated(c).innovation.nis_dof, after)
 
         wiring.clock.declare(
             lambda period, offset: self.DeclarePeriodicDiscreteUpdateEvent(period, offset, self._store)
@@ -323,17 +257,17 @@ class Estimator(EnsembleBlock):
         time = context.get_time()
         return Epoch(time, lambda: self.wiring.clock.index(time), lambda: self.draw(context))
 
-    def _belief(self, context: Context) -> Belief:
-        belief: Belief = self.cached(context, self._posterior)
-        return belief
+    def _updated(self, context: Context) -> Remembered:
+        remembered: Remembered = self.cached(context, self._posterior)
+        return remembered
 
     def posterior_memory(self, context: Context) -> Memory:
         """Return the memory with the measurement of now, for a subclass's own ports."""
-        return self._belief(context).memory
+        return self._updated(context).memory
 
     def posterior_moments(self, context: Context) -> tuple[Array, Array]:
         """Return mean and covariance with the measurement of now."""
-        return self._belief(context).moments(self.moments)
+        return self._updated(context).moments(self.moments)
 
     @property
     def posterior_ticket(self) -> Any:
@@ -341,11 +275,11 @@ class Estimator(EnsembleBlock):
         return self.cached_ticket(self._posterior)
 
     def _prior_moments(self, context: Context) -> tuple[Array, Array]:
-        belief: Belief = self.cached(context, self._prior)
-        return belief.moments(self.moments)
+        remembered: Remembered = self.cached(context, self._prior)
+        return remembered.moments(self.moments)
 
-    def _calc_prior(self, context: Context) -> Belief:
-        """Return the memory moved to now, or what is stored where the measurement of now is in it."""
+    def _calc_prior(self, context: Context) -> Remembered:
+        """Return the memory predicted for now, or what is stored where the measurement of now is in it."""
         count("prior", self)
         state = context.get_discrete_state(self._state).value().copy()
 
@@ -358,10 +292,10 @@ class Estimator(EnsembleBlock):
         now, (stamp, used) = context.get_time(), state[-2:].tolist()
         if same_instant(now, stamp):
             innovation = Innovation(stored("innovation"), stored("nis")[:, 0], stored("nis_dof")[:, 0])
-            return Belief(memory, innovation, started, bool(used))
+            return Remembered(memory, innovation, started, bool(used))
         if now > stamp:
-            memory = self.move(memory, now - stamp, self._epoch(context))
-        return Belief(memory, _TO_COME, started, False)
+            memory = self.predict(memory, now - stamp, self._epoch(context))
+        return Remembered(memory, TO_COME, started, False)
 
     def _first(self, context: Context, stream: Array) -> tuple[Memory, Mask]:
         inputs = {port: self.read(context, port) for port in self.start.inputs}
@@ -382,10 +316,10 @@ class Estimator(EnsembleBlock):
         trials = self.wiring.trials
         return Innovation(np.full((trials, self.model.size), np.nan), np.full(trials, np.nan), np.zeros(trials))
 
-    def _calc_posterior(self, context: Context) -> Belief:
+    def _calc_posterior(self, context: Context) -> Remembered:
         """Return memory, innovation and which trials have started, after the measurement of now."""
         count("posterior", self)
-        prior: Belief = self.cached(context, self._prior)
+        prior: Remembered = self.cached(context, self._prior)
         if prior.current:
             return prior
         memory, started = prior.memory, prior.started
@@ -397,22 +331,22 @@ class Estimator(EnsembleBlock):
             if self.start.uses_measurement:
                 measurement = np.where(new[:, None], np.nan, measurement)
             if not started.any():
-                return Belief(memory, self._nothing(), started, True)
+                return Remembered(memory, self._nothing(), started, True)
         noise = self._read_noise(context)
         if noise is not None and (unknown := unknown_rows(noise)).any():
             measurement = np.where(unknown, np.nan, measurement)
         told = None if math.isfinite(measurement.sum()) else ~np.isnan(measurement).all(axis=-1) & started
         if told is not None and not told.any():
-            return Belief(memory, self._nothing(), started, True)
+            return Remembered(memory, self._nothing(), started, True)
         platforms = self._read_platforms(context)
-        corrected, innovation = self.correct(memory, measurement, platforms, noise, self._epoch(context))
+        updated, innovation = self.update(memory, measurement, platforms, noise, self._epoch(context))
         if told is not None and not told.all():
-            # Even a correction by nothing rounds, and alone such a trial is not corrected at all.
-            corrected = {
+            # Even an update by nothing rounds, and alone such a trial is not updated at all.
+            updated = {
                 group: np.where(told[:, None], value, memory[group]) if group in memory else value
-                for group, value in corrected.items()
+                for group, value in updated.items()
             }
-        return Belief(corrected, innovation, started, True)
+        return Remembered(updated, innovation, started, True)
 
     def _begin_late(self, context: Context, memory: Memory, started: Mask, stream: Array) -> tuple[Memory, Mask]:
         """Start the trials that could not start before, leave the others alone; return which have started now."""
@@ -461,5 +395,5 @@ class Estimator(EnsembleBlock):
         self._write(discrete, memory, self._nothing(), started, context.get_time(), self.start.uses_measurement)
 
     def _store(self, context: Context, discrete: DiscreteValues) -> None:
-        belief = self._belief(context)
-        self._write(discrete, belief.memory, belief.innovation, belief.started, context.get_time(), used=True)
+        updated = self._updated(context)
+        self._write(discrete, updated.memory, updated.innovation, updated.started, context.get_time(), used=True)

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.estimators.base import Epoch, Estimator, Innovation, Memory, Wiring
+from systems.estimators.base import Estimator, Wiring
 from systems.estimators.bearing_start import BearingStart
+from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.estimators.start import Start
 from systems.filters.gaussian import predict_extended
 from systems.fixes.bearing_likelihood import BearingHistory
@@ -145,12 +146,12 @@ class BearingLocator(Estimator):
         n = self.motion.size
         return memory["mean"], memory["covariance"].reshape(-1, n, n)
 
-    def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
-        """See `Estimator.move`."""
+    def predict(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
+        """See `Estimator.predict`."""
         mean, covariance = predict_extended(*self.moments(memory), self.motion, dt)
         return {**memory, "mean": mean, "covariance": covariance.reshape(mean.shape[0], -1)}
 
-    def correct(
+    def update(
         self,
         memory: Memory,
         measurement: Array,
@@ -158,7 +159,7 @@ class BearingLocator(Estimator):
         noise_covariance: Array | None,
         epoch: Epoch,
     ) -> tuple[Memory, Innovation]:
-        """See `Estimator.correct`."""
+        """See `Estimator.update`."""
         trials, n = measurement.shape[0], self.motion.size
         noise = self.model.noise_covariance() if noise_covariance is None else noise_covariance
         variance = np.broadcast_to(np.einsum("...ii->...i", noise), measurement.shape)

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.angle_wrapping import wrap
-from systems.estimators.base import Epoch, Estimator, Innovation, Memory, Wiring
+from systems.estimators.base import Estimator, Wiring
 from systems.estimators.hypotheses_start import HypothesesStart
+from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.estimators.start import Start
 from systems.filters.gaussian import GaussianFilter, take
 from systems.filters.hypotheses import branch, in_doubt, log_evidence, mixture, reweigh
@@ -217,8 +218,8 @@ class HypothesisBank(Estimator):
             return np.where(alone[:, None], means[:, 0], np.nan), symmetric(covariance)
         return mixture(means[:, :width], covariances[:, :width], weights[:, :width])
 
-    def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
-        """See `Estimator.move`."""
+    def predict(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
+        """See `Estimator.predict`."""
         living = self._living(memory)
         mean, covariance = self.algorithm.predict(living.mean, living.covariance, self.motion, dt)
         trials = memory["weights"].shape[0]
@@ -228,7 +229,7 @@ class HypothesisBank(Estimator):
             "covariances": self._spread(living, covariance, trials).reshape(trials, -1),
         }
 
-    def correct(
+    def update(
         self,
         memory: Memory,
         measurement: Array,
@@ -236,7 +237,7 @@ class HypothesisBank(Estimator):
         noise_covariance: Array | None,
         epoch: Epoch,
     ) -> tuple[Memory, Innovation]:
-        """See `Estimator.correct`."""
+        """See `Estimator.update`."""
         trials = measurement.shape[0]
         living = self._living(memory)
         everything = _Reading(measurement, platforms, noise_covariance)

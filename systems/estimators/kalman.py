@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.estimators.base import Epoch, Estimator, Innovation, Memory, Wiring
+from systems.estimators.base import Estimator, Wiring
+from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.estimators.start import Start
 from systems.filters.gaussian import GaussianFilter
 from systems.filters.robust import StudentRows
@@ -67,8 +68,8 @@ class KalmanEstimator(Estimator):
         n = self.motion.size
         return memory["mean"], memory["covariance"].reshape(-1, n, n)
 
-    def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
-        """See `Estimator.move`."""
+    def predict(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
+        """See `Estimator.predict`."""
         motion, carried = self.motion, {}
         if motion.input_size:
             carried = {"motion_input": motion.next_input(memory["mean"], memory["motion_input"], dt)}
@@ -76,7 +77,7 @@ class KalmanEstimator(Estimator):
         mean, covariance = self.algorithm.predict(*self.moments(memory), motion, dt)
         return {"mean": mean, "covariance": covariance.reshape(mean.shape[0], -1), **carried}
 
-    def correct(
+    def update(
         self,
         memory: Memory,
         measurement: Array,
@@ -84,7 +85,7 @@ class KalmanEstimator(Estimator):
         noise_covariance: Array | None,
         epoch: Epoch,
     ) -> tuple[Memory, Innovation]:
-        """See `Estimator.correct`; a trial without a finite belief is set aside and stays so."""
+        """See `Estimator.update`; a trial without a finite belief is set aside and stays so."""
         mean, covariance = self.moments(memory)
         whitener = self._whitener if noise_covariance is None else Whitener(noise_covariance)
         lost = None

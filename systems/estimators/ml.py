@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.documented import count, documented
-from systems.estimators.base import Epoch, Estimator, Memory, Wiring
+from systems.estimators.base import Estimator, Wiring
 from systems.estimators.bearing_lines import BearingLocator, Lately, Sighting
+from systems.estimators.memory import Epoch, Memory
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.start import Start
 from systems.fixes.bearing_likelihood import BearingHistory, Fit, Prior, fold, maximum_likelihood
@@ -61,9 +62,9 @@ class MaximumLikelihood(BearingLocator):
         n = self.motion.size
         return {**self._lately.sizes(), "anchor": n, "vector": n, "information": n * n}
 
-    def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
-        """See `Estimator.move`: the prior is one of the state now."""
-        moved = super().move(memory, dt, epoch)
+    def predict(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
+        """See `Estimator.predict`: the prior is one of the state now."""
+        moved = super().predict(memory, dt, epoch)
         n = self.motion.size
         if n == self.axes:
             return moved

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.estimators.base import Epoch, Estimator, Innovation, Memory, Wiring
+from systems.estimators.base import Estimator, Wiring
+from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.estimators.start import CloudStart, Start
 from systems.filters.gaussian import take
 from systems.filters.linear_algebra import semidefinite_root
@@ -58,7 +59,7 @@ class ParticleEstimator(Estimator):
     ----------
     name : str
         Name of the block; part of the key of its random numbers.
-    update : ParticleUpdate
+    particle_update : ParticleUpdate
         What is done with a measurement.
     model, motion, start, wiring
         See `Estimator`. A `CloudStart` gives particles, any other start one Gaussian.
@@ -84,7 +85,7 @@ class ParticleEstimator(Estimator):
     def __init__(
         self,
         name: str,
-        update: ParticleUpdate,
+        particle_update: ParticleUpdate,
         model: MeasurementModel,
         motion: MotionModel,
         start: Start,
@@ -97,7 +98,7 @@ class ParticleEstimator(Estimator):
             raise ValueError(f"{name}: particles: {particles} is not allowed; a whole number >= 2")
         if window < 0:
             raise ValueError(f"{name}: window: {window} is not allowed; a whole number >= 0")
-        self.update, self.particles, self.window, self.restart = update, particles, window, restart
+        self.particle_update, self.particles, self.window, self.restart = particle_update, particles, window, restart
         self._whitener = Whitener(model.noise_covariance())
         super().__init__(name, model, motion, start, wiring)
         for i, port in enumerate(_PORTS):
@@ -217,10 +218,10 @@ class ParticleEstimator(Estimator):
             mean[index], covariance[index] = moments(cloud.particles, weight)
             effective[index], able[index] = effective_size(weight), True
             particles[index], log_weight[index] = cloud.particles, cloud.log_weight
-            few = np.flatnonzero(effective[index] < self.update.threshold * count)
+            few = np.flatnonzero(effective[index] < self.particle_update.threshold * count)
             if few.size:
                 rows = index[few]
-                fresh = self.update.resample(
+                fresh = self.particle_update.resample(
                     cloud.rows(few), weight[few], mean[rows], covariance[rows], draws, rows, -1
                 )
                 particles[rows], log_weight[rows] = fresh.particles, 0.0
@@ -228,8 +229,8 @@ class ParticleEstimator(Estimator):
         memory["health"][:, 0] = effective
         return memory, able
 
-    def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
-        """See `Estimator.move`."""
+    def predict(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
+        """See `Estimator.predict`."""
         cloud, draws, motion, carried = self._cloud(memory), self._draws(epoch), self.motion, {}
         if motion.input_size:
             carried = {"motion_input": motion.next_input(memory["mean"], memory["motion_input"], dt)}
@@ -267,7 +268,7 @@ class ParticleEstimator(Estimator):
     def _moments_of(cloud: Cloud) -> tuple[Array, Array]:
         return moments(cloud.particles, normalise(cloud.log_weight)[0])
 
-    def correct(
+    def update(
         self,
         memory: Memory,
         measurement: Array,
@@ -275,7 +276,7 @@ class ParticleEstimator(Estimator):
         noise_covariance: Array | None,
         epoch: Epoch,
     ) -> tuple[Memory, Innovation]:
-        """See `Estimator.correct`."""
+        """See `Estimator.update`."""
         trials, m, n = measurement.shape[0], self.model.size, self.motion.size
         carried = {"motion_input": memory["motion_input"]} if self.motion.input_size else {}
         posterior = {name: np.empty_like(value) for name, value in memory.items() if name not in carried}
@@ -325,7 +326,7 @@ class ParticleEstimator(Estimator):
         weight, _ = normalise(prior.log_weight)
         known = residual if whole else np.where(np.isfinite(residual), residual, 0.0)
         value = (known.swapaxes(1, 2) @ weight[..., None])[..., 0]
-        result = self.update(prior, Likelihood(reading, missing), residual, draws, self._cloud(posterior))
+        result = self.particle_update(prior, Likelihood(reading, missing), residual, draws, self._cloud(posterior))
         now = evidence(result.log_evidence, result.spread, rows)
         recent = follow(health[:, 3], now)
         ancestors = unique_sorted(result.cloud.ancestor)

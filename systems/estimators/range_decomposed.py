@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
 from systems.documented import choice, count, documented, number
-from systems.estimators.base import Epoch, Estimator, Innovation, Memory, Wiring
+from systems.estimators.base import Estimator, Wiring
+from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.start import Start
 from systems.filters.gaussian import predict_extended
@@ -140,8 +141,8 @@ class RangeDecomposed(Estimator):
         """See `Estimator.moments`."""
         return memory["mean"], memory["covariance"].reshape(-1, 6, 6)
 
-    def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
-        """See `Estimator.move`."""
+    def predict(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
+        """See `Estimator.predict`."""
         mean, covariance = predict_extended(*self.moments(memory), self.motion, dt)
         return memory | {"mean": mean, "covariance": covariance.reshape(-1, 36)}
 
@@ -181,7 +182,7 @@ class RangeDecomposed(Estimator):
 
     # ---- the update
 
-    def correct(
+    def update(
         self,
         memory: Memory,
         measurement: Array,
@@ -189,7 +190,7 @@ class RangeDecomposed(Estimator):
         noise_covariance: Array | None,
         epoch: Epoch,
     ) -> tuple[Memory, Innovation]:
-        """See `Estimator.correct`."""
+        """See `Estimator.update`."""
         trials = measurement.shape[0]
         memory = {group: value.copy() for group, value in memory.items()}
         observer = np.broadcast_to(platforms[:, self._observer], (trials, 6))

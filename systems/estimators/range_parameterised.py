@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.estimators.base import Epoch, Estimator, Innovation, Memory, Wiring
+from systems.estimators.base import Estimator, Wiring
 from systems.estimators.bearing_start import BearingStart
+from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.filters.gaussian import GaussianFilter, take
 from systems.filters.whitening import Whitener
 from systems.measurement.base import MeasurementModel
@@ -114,8 +115,8 @@ class RangeParameterised(Estimator):
         n = self.motion.size
         return memory["means"].reshape(-1, n), memory["covariances"].reshape(-1, n, n)
 
-    def move(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
-        """See `Estimator.move`."""
+    def predict(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
+        """See `Estimator.predict`."""
         means, covariances = self.algorithm.predict(*self._bank(memory), self.motion, dt)
         trials = memory["log_weights"].shape[0]
         return {
@@ -124,7 +125,7 @@ class RangeParameterised(Estimator):
             "log_weights": memory["log_weights"],
         }
 
-    def correct(
+    def update(
         self,
         memory: Memory,
         measurement: Array,
@@ -132,7 +133,7 @@ class RangeParameterised(Estimator):
         noise_covariance: Array | None,
         epoch: Epoch,
     ) -> tuple[Memory, Innovation]:
-        """See `Estimator.correct`; a trial without a finite belief stays without."""
+        """See `Estimator.update`; a trial without a finite belief stays without."""
         count, (trials, m) = self.hypotheses, measurement.shape
         mean, covariance = self._bank(memory)
         n = mean.shape[-1]

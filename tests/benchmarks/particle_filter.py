@@ -27,7 +27,8 @@ from diagrams.assembly.find import find
 from diagrams.catalogue import load_scenario
 from systems.clocks import Periodic
 from systems.constants import SPEED_OF_LIGHT
-from systems.estimators.base import Epoch, Estimator
+from systems.estimators.base import Estimator
+from systems.estimators.memory import Epoch
 from systems.measurement.body_frame import body_frame
 from systems.measurement.direction import Direction
 from systems.measurement.fdoa import Fdoa
@@ -116,8 +117,8 @@ def loop(scene: Scene) -> Array:
     for k, (z, platforms) in enumerate(zip(scene.measurement, scene.platforms, strict=True)):
         epoch = Epoch(float(k), k, draw)
         if k:
-            memory = filter_.move(memory, 1.0, epoch)
-        memory, _ = filter_.correct(memory, z, platforms[None], None, epoch)
+            memory = filter_.predict(memory, 1.0, epoch)
+        memory, _ = filter_.update(memory, z, platforms[None], None, epoch)
         means.append(filter_.moments(memory)[0])
     return np.array(means)
 

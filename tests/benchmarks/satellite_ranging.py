@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.clocks import Periodic
-from systems.estimators.base import Epoch, Wiring
+from systems.estimators.base import Wiring
+from systems.estimators.memory import Epoch
 from systems.estimators.range_decomposed import RangeDecomposed
 from systems.estimators.start import GivenStart
 from systems.filters.iterated_extended import IteratedExtendedKalman
@@ -94,8 +95,8 @@ def _ra(motion: OrbitalMotion, measured: Array, observer: Array, prior: Array, j
     for k, own in enumerate(observer):
         epoch = Epoch(STEP * k, k, Draw())
         if k:
-            memory = block.move(memory, STEP, epoch)
-        memory, _ = block.correct(memory, measured[:, k], own[None, None], None, epoch)
+            memory = block.predict(memory, STEP, epoch)
+        memory, _ = block.update(memory, measured[:, k], own[None, None], None, epoch)
     return memory["mean"]
 
 

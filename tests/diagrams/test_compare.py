@@ -35,7 +35,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from systems.estimators.base import Estimator, Innovation
+from systems.estimators.base import Estimator
+from systems.estimators.memory import Innovation
 from systems.filters.gaussian import GaussianFilter, predict_extended
 from systems.filters.iterated_extended import IteratedExtendedKalman
 
@@ -63,11 +64,11 @@ class DeadReckoning(Estimator):
     def moments(self, memory):
         return memory["mean"], memory["covariance"].reshape(-1, self.motion.size, self.motion.size)
 
-    def move(self, memory, dt, epoch):
+    def predict(self, memory, dt, epoch):
         mean, covariance = predict_extended(*self.moments(memory), self.motion, dt)
         return {"mean": mean, "covariance": covariance.reshape(len(mean), -1)}
 
-    def correct(self, memory, measurement, platforms, noise_covariance, epoch):
+    def update(self, memory, measurement, platforms, noise_covariance, epoch):
         nothing = np.full(len(measurement), np.nan)
         return memory, Innovation(measurement - np.nan, nothing, np.zeros(len(measurement)))
 
@@ -77,7 +78,7 @@ class NoUpdate(GaussianFilter):
 
 
 class HalfAnEstimator(Estimator):
-    def move(self, memory, dt, epoch):
+    def predict(self, memory, dt, epoch):
         return memory
 
 
@@ -246,7 +247,7 @@ def test_markdown_of_several_systems(capsys):
 
 MISTAKES = [
     (["--estimator", "OWN:NoUpdate"], "lacks update"),
-    (["--estimator", "OWN:HalfAnEstimator"], "lacks begin, correct, memory_sizes, moments"),
+    (["--estimator", "OWN:HalfAnEstimator"], "lacks begin, memory_sizes, moments, update"),
     (["--estimator", "OWN:Neither"], "a subclass of"),
     (["--estimator", "OWN:Absent"], "has no Absent"),
     (["--estimator", "no_such_module:Filter"], "cannot be imported"),

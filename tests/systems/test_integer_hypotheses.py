@@ -14,11 +14,12 @@ from diagrams.three_satellite import models
 from systems.angle_wrapping import wrap
 from systems.clocks import Periodic
 from systems.constants import SPEED_OF_LIGHT
-from systems.estimators.base import Epoch, Wiring
+from systems.estimators.base import Wiring
 from systems.estimators.hypotheses_start import HypothesesStart
 from systems.estimators.iekf_hypotheses import IekfHypotheses
 from systems.estimators.kalman import KalmanEstimator
 from systems.estimators.known_height_start import KnownHeightStart
+from systems.estimators.memory import Epoch
 from systems.estimators.start import GivenStart
 from systems.filters.hypotheses import branch, log_evidence, mixture, reweigh
 from systems.filters.iterated_extended import IteratedExtendedKalman
@@ -375,8 +376,8 @@ def test_one_hypothesis_is_the_plain_filter():
         reports = {}
         for block in (bank, plain):
             epoch = Epoch(float(k), k, Draw())
-            moved = block.move(memories[block], 1.0, epoch)
-            memories[block], reports[block] = block.correct(moved, z, carriers, None, epoch)
+            moved = block.predict(memories[block], 1.0, epoch)
+            memories[block], reports[block] = block.update(moved, z, carriers, None, epoch)
         for a, b in zip(bank.moments(memories[bank]), plain.moments(memories[plain]), strict=True):
             assert np.array_equal(a, b)
         for a, b in zip(reports[bank], reports[plain], strict=True):
@@ -410,9 +411,9 @@ def drive(bank, z, carriers, height, times):
         if k == 0:
             memory, _ = bank.first(z[0], carriers[0], {"assumed_height": height}, epoch)
         else:
-            memory = bank.move(memory, float(t - times[k - 1]), epoch)
+            memory = bank.predict(memory, float(t - times[k - 1]), epoch)
             if not np.isnan(z[k]).all():
-                memory, _ = bank.correct(memory, z[k], carriers[k], None, epoch)
+                memory, _ = bank.update(memory, z[k], carriers[k], None, epoch)
         memories.append(memory)
     return memories
 

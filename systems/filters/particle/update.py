@@ -182,28 +182,16 @@ class ParticleUpdate:
         out : Cloud, optional
             Where the posterior cloud is put; it shares no memory with the prior.
         """
-        trials, n, count = cloud.particles.shape
-        everyone = np.arange(trials)
-        log_likelihood, white = likelihood(cloud.particles, everyone, residual)
+        trials, _, count = cloud.particles.shape
+        active, remaining, stage = np.arange(trials), np.ones(trials), 0
+        log_likelihood, white = likelihood(cloud.particles, active, residual)
         # The bootstrap filter has no weights here. (Others may have in some trials and not in others, and a
         # trial's rounding must not depend on its neighbours.)
         equal = self.share is None and math.isinf(self.threshold) and not cloud.log_weight.any()
         prior_weight, before = (None, math.log(count)) if equal else normalise(cloud.log_weight)
         innovation, spread = moments(white.swapaxes(1, 2), prior_weight)
-        spread = spread + np.eye(white.shape[-1])
+        done = _not_yet(cloud, innovation, spread + np.eye(white.shape[-1]), out)
         del white
-
-        done = Updated(
-            cloud=Cloud(*(np.empty_like(array) for array in cloud)) if out is None else out,
-            mean=np.empty((trials, n)),
-            covariance=np.empty((trials, n, n)),
-            effective=np.empty(trials),
-            log_evidence=np.zeros(trials),
-            innovation=innovation,
-            spread=spread,
-            stages=np.zeros(trials),
-        )
-        active, remaining, stage = everyone, np.ones(trials), 0
         while active.size:
             if stage:
                 log_likelihood, _ = likelihood(cloud.particles, active)
@@ -212,10 +200,7 @@ class ParticleUpdate:
             if hopeless.any():  # no particle can explain it: nothing is learned but that
                 log_likelihood = np.where(hopeless[:, None], 0.0, log_likelihood)
                 done.log_evidence[active[hopeless]] = -math.inf
-            step = remaining
-            if self.share is not None and stage < self.max_stages - 1:
-                flat = np.full(log_likelihood.shape, 1 / count) if prior_weight is None else prior_weight
-                step = next_exponent(flat, log_likelihood, remaining, self.share)
+            step = self._exponent(log_likelihood, prior_weight, remaining, stage)
             log_weight = cloud.log_weight + step[:, None] * log_likelihood
             weight, log_sum = normalise(log_weight)
             done.log_evidence[active] += log_sum - before
@@ -245,6 +230,13 @@ class ParticleUpdate:
             stage += 1
         return done
 
+    def _exponent(self, log_likelihood: Array, weight: Array | None, remaining: Array, stage: int) -> Array:
+        """Return the power of the likelihood that each trial takes in this stage; `weight` None: all the same."""
+        if self.share is None or stage >= self.max_stages - 1:
+            return remaining
+        flat = np.full(log_likelihood.shape, 1 / log_likelihood.shape[-1]) if weight is None else weight
+        return next_exponent(flat, log_likelihood, remaining, self.share)
+
     @staticmethod
     def _finish(done: Cloud, active: Index, last: NDArray[np.bool_], cloud: Cloud) -> None:
         """Put the clouds of those trials of `active` that are at their last stage where they belong."""
@@ -256,3 +248,18 @@ class ParticleUpdate:
                 array[...] = value
             else:
                 array[active[last]] = value[last]
+
+
+def _not_yet(cloud: Cloud, innovation: Array, spread: Array, out: Cloud | None) -> Updated:
+    """Return an update to be filled in, trial by trial."""
+    trials, n, _ = cloud.particles.shape
+    return Updated(
+        cloud=Cloud(*(np.empty_like(array) for array in cloud)) if out is None else out,
+        mean=np.empty((trials, n)),
+        covariance=np.empty((trials, n, n)),
+        effective=np.empty(trials),
+        log_evidence=np.zeros(trials),
+        innovation=innovation,
+        spread=spread,
+        stages=np.zeros(trials),
+    )
