@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -67,37 +67,8 @@ def comparison_statistics(
     times = np.asarray(dataset["time"].values, dtype=float)
     epoch = nearest_epoch(times, at)
     draws = PairedBootstrap(dataset.sizes["trial"], resamples)
-    names = [str(name) for name in dataset["estimator"].values]
-    never = not_started(dataset)
-    nobody = never.all("estimator").values
-
-    def resampled(squares: Array, by: PairedBootstrap) -> Replicates:
-        return by.apply(squares, lambda means: _rmse_and_mean(means, epoch))
-
-    rows: dict[str, dict[str, Any]] = {}
-    replicates: list[Replicates] = []
-    squared: list[Array] = []
-    for name in names:
-        one, out = dataset.sel(estimator=[name]), never.sel(estimator=name).values
-        error = errors(one)["position"].where(~never.sel(estimator=[name]))
-        squares = np.square(error.values[0])
-        found = resampled(squares, draws)
-        # Who does not start where another does is not the better for it: there its error is infinite.
-        alone = (out & ~nobody)[:, None]
-        squared.append(np.where(alone, np.inf, squares))
-        replicates.append(resampled(squared[-1], draws) if alone.any() else found)
-        row: dict[str, Any] = {"causal": causal(dataset, name)}
-        row |= _errors_entry(one, error, interval(found, confidence), epoch)
-        lost_now = np.isinf(error.values[0, :, epoch])
-        row |= nees_entry(one["nees"].values[0, :, epoch], lost_now, study.states[name], draws, confidence)
-        row |= _trials_entry(one, out, confidence)
-        rows[name] = row | {"cost_us": json_numbers(study.costs[name])}
-
-    def finer() -> list[Replicates]:
-        more = dataclasses.replace(draws, resamples=_FINER * resamples)
-        return [resampled(one, more) for one in squared]
-
-    is_causal = np.array([row["causal"] for row in rows.values()])
+    rows, replicates, squared = _rows(dataset, study, draws, epoch, confidence)
+    best = _Best(rows, replicates, squared, draws, epoch, confidence)
     return {
         **run_entry(dataset),
         "machine": machine(),
@@ -112,11 +83,43 @@ def comparison_statistics(
         "left_out": dict(chosen.left_out),
         "lighter": {name: dict(options) for name, options in chosen.lighter.items()},
         "estimators": rows,
-        "best": {
-            metric: _best(names, is_causal, replicates, finer, column, confidence)
-            for column, metric in enumerate(("rmse_position_m", "armse_position_m"))
-        },
+        "best": {metric: best.of(column) for column, metric in enumerate(("rmse_position_m", "armse_position_m"))},
     }
+
+
+def _rows(
+    dataset: xr.Dataset, study: ComparedStudy, draws: PairedBootstrap, epoch: int, confidence: float
+) -> tuple[dict[str, dict[str, Any]], list[Replicates], list[Array]]:
+    """Return what is said of every estimator, and the errors that they compete by.
+
+    These are RMSE at the epoch and its mean over time, resampled, and the squares (trials, time) that they are made of.
+    """
+    never = not_started(dataset)
+    nobody = never.all("estimator").values
+    rows: dict[str, dict[str, Any]] = {}
+    replicates: list[Replicates] = []
+    squared: list[Array] = []
+    for name in [str(name) for name in dataset["estimator"].values]:
+        one, out = dataset.sel(estimator=[name]), never.sel(estimator=name).values
+        error = errors(one)["position"].where(~never.sel(estimator=[name]))
+        squares = np.square(error.values[0])
+        # Who does not start where another does is not the better for it: there its error is infinite.
+        alone = (out & ~nobody)[:, None]
+        found = _resampled(squares, draws, epoch)
+        squared.append(np.where(alone, np.inf, squares))
+        replicates.append(_resampled(squared[-1], draws, epoch) if alone.any() else found)
+        row: dict[str, Any] = {"causal": causal(dataset, name)}
+        row |= _errors_entry(one, error, interval(found, confidence), epoch)
+        lost_now = np.isinf(error.values[0, :, epoch])
+        row |= nees_entry(one["nees"].values[0, :, epoch], lost_now, study.states[name], draws, confidence)
+        row |= _trials_entry(one, out, confidence)
+        rows[name] = row | {"cost_us": json_numbers(study.costs[name])}
+    return rows, replicates, squared
+
+
+def _resampled(squares: Array, draws: PairedBootstrap, epoch: int) -> Replicates:
+    """Return RMSE at an epoch and its mean over time, of squared errors (trials, time)."""
+    return draws.apply(squares, lambda means: _rmse_and_mean(means, epoch))
 
 
 def _errors_entry(one: xr.Dataset, error: xr.DataArray, both: Interval, epoch: int) -> dict[str, Any]:
@@ -149,29 +152,43 @@ def _rmse_and_mean(means: Array, epoch: int) -> Array:
     return np.stack([curve[..., epoch], average], axis=-1)
 
 
-def _best(
-    names: Sequence[str],
-    is_causal: NDArray[np.bool_],
-    replicates: Sequence[Replicates],
-    finer: Callable[[], Sequence[Replicates]],
-    column: int,
-    confidence: float,
-) -> dict[str, Any] | None:
-    """Return who has the smallest of a metric; only who works with the past can be it."""
-    causal = [name for name, one in zip(names, is_causal, strict=True) if one]
-    if not causal:
-        return None
+class _Best:
+    """Who has the smallest of a metric; only who works with the past can be it."""
 
-    def joined(all_of: Sequence[Replicates]) -> Replicates:
-        parts = [one for one, chosen in zip(all_of, is_causal, strict=True) if chosen]
-        return Replicates(*(np.stack([p[..., column] for p in same], axis=-1) for same in zip(*parts, strict=True)))
+    def __init__(
+        self,
+        rows: Mapping[str, Mapping[str, Any]],
+        replicates: Sequence[Replicates],
+        squared: Sequence[Array],
+        draws: PairedBootstrap,
+        epoch: int,
+        confidence: float,
+    ) -> None:
+        causal_ones = [i for i, row in enumerate(rows.values()) if row["causal"]]
+        self._names = [list(rows)[i] for i in causal_ones]
+        self._replicates = [replicates[i] for i in causal_ones]
+        self._squared = [squared[i] for i in causal_ones]
+        self._draws, self._epoch, self._confidence = draws, epoch, confidence
 
-    found = joined(replicates)
-    best, ratios, significant = best_of(found, confidence, lambda: joined(finer()))
-    ratio = {name: interval_entry(ratios, i) for i, name in enumerate(causal) if i != best}
-    order = np.argsort(np.where(np.isnan(found.value), np.inf, found.value), kind="stable")
-    runner_up = next((causal[i] for i in order if i != best), None)
-    return {"name": causal[best], "significant": significant, "runner_up": runner_up, "ratio": ratio}
+    def _finer(self) -> list[Replicates]:
+        draws = dataclasses.replace(self._draws, resamples=_FINER * self._draws.resamples)
+        return [_resampled(one, draws, self._epoch) for one in self._squared]
+
+    def of(self, column: int) -> dict[str, Any] | None:
+        """Return name, significance, runner-up and ratios of a metric; None where there is nobody."""
+        names = self._names
+        if not names:
+            return None
+
+        def joined(parts: Sequence[Replicates]) -> Replicates:
+            return Replicates(*(np.stack([p[..., column] for p in same], axis=-1) for same in zip(*parts, strict=True)))
+
+        found = joined(self._replicates)
+        best, ratios, significant = best_of(found, self._confidence, lambda: joined(self._finer()))
+        ratio = {name: interval_entry(ratios, i) for i, name in enumerate(names) if i != best}
+        order = np.argsort(np.where(np.isnan(found.value), np.inf, found.value), kind="stable")
+        runner_up = next((names[i] for i in order if i != best), None)
+        return {"name": names[best], "significant": significant, "runner_up": runner_up, "ratio": ratio}
 
 
 def _efficiency(one: xr.Dataset, rmse: Interval, epoch: int) -> dict[str, Any]:
