@@ -15,7 +15,7 @@ from systems.motion.base import MotionModel
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["BoundMap", "Plane"]
+__all__ = ["BoundMap", "Plane", "View"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -106,3 +106,31 @@ class BoundMap:
     equal: bool = True
     judged: Sequence[str] | None = None
     report: Callable[[xr.Dataset], None] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Which part of space the default map of a system shows; None: what `diagrams.maps.default` makes of it.
+
+    Parameters
+    ----------
+    centre : ndarray, shape (3,), optional
+        A place in the axes of the frame [m]; the middle of the map is over or below it.
+    height : float, optional
+        Of the targets, where the frame has heights [m].
+    plane : {'level', 'east_up', 'north_up'}
+        Targets side by side, or one above the other.
+    extent : float, optional
+        Half a side of the square, or of its base [m].
+    spacing : float, optional
+        Between targets side by side [m].
+    top : float, optional
+        Of an upright plane, which begins at height 0 [m].
+    """
+
+    centre: Array | None = None
+    height: float | None = None
+    plane: str = "level"
+    extent: float | None = None
+    spacing: float | None = None
+    top: float | None = None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from diagrams.assembly.bus import Bus
-from diagrams.assembly.map import BoundMap
+from diagrams.assembly.map import BoundMap, View
 from diagrams.assembly.recorded import Recorded
 from systems.clocks import Clock
 from systems.estimators.base import Estimator, Tails
@@ -108,6 +108,8 @@ class Model:
     map : callable, optional
         ``() -> BoundMap``: where targets may be and what their bound depends on, for ``quietfix gdop``; by default
         those of `diagrams.maps.default`.
+    view : View, optional
+        What those show.
     """
 
     clock: Clock
@@ -126,3 +128,4 @@ class Model:
     widest: int | None = None
     recorded: Recorded | None = None
     map: Callable[[], BoundMap] | None = None
+    view: View | None = None

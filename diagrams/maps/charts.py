@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from diagrams.errors import UserError
 from diagrams.states import POSITION, columns
 from systems.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+from systems.geodetic import up as normal
 
-__all__ = ["Chart", "Flat", "Shell", "chart_of"]
+__all__ = ["Chart", "Flat", "Shell", "Upright", "chart_of", "moved_to"]
 
 Array = NDArray[np.float64]
 
@@ -21,7 +22,12 @@ _FLAT = {
     "local": (("north", "east"), ("y, north [km]", "x, east [km]")),
     "launch": (("up", "down_range"), ("Y, up at the site [km]", "X, down-range [km]")),
 }
-_EARTH = (("north", "east"), ("north of the scenario's target [km]", "east of it [km]"))
+_TARGET = "the scenario's target"
+_EARTH = (("north", "east"), (f"north of {_TARGET} [km]", "east of it [km]"))
+_UPRIGHT = {
+    "east_up": (("up", "east"), ("height [km]", "east of the middle [km]"), 1),
+    "north_up": (("up", "north"), ("height [km]", "north of the middle [km]"), 0),
+}
 _ORBIT = (("across", "along"), ("across the target's orbit, left positive [km]", "along it [km]"))
 _VECTORS = ("", "v", "a")  # what stands before x, y, z in the names of the components of position, velocity ...
 
@@ -131,17 +137,7 @@ class Shell:
 
     def moved(self, course: Array, names: Sequence[str], to: Array) -> Array:
         """See `Chart.moved`."""
-        start, turn = self._turned(to)
-        found = np.broadcast_to(course, (*to.shape[:-1], *course.shape)).copy()
-        for letter in _VECTORS:
-            parts = [letter + axis for axis in POSITION]
-            if not set(parts) <= set(names):
-                continue
-            at = columns(names, parts)
-            vectors = course[..., at] - (self.place if letter == "" else 0.0)
-            carried = np.einsum("...ij,tj->...ti", turn, vectors)
-            found[..., at] = carried + (start[..., None, :] if letter == "" else 0.0)
-        return found
+        return _carried(course, names, self.place, *self._turned(to))
 
     def _turned(self, to: Array) -> tuple[Array, Array]:
         """Return the place (..., 3) at coordinates (..., 2), and the rotation (..., 3, 3) of the course there."""
@@ -161,7 +157,123 @@ class Shell:
         return self._radius * radial, turn
 
 
-def chart_of(frame: str, course: Array, names: Sequence[str]) -> Chart:
+@dataclass(frozen=True, eq=False)
+class Upright:
+    """An upright plane through the middle of a level one: heights over the way to the east or to the north.
+
+    Parameters
+    ----------
+    level : Flat or Shell
+        In local or Earth-fixed axes.
+    place : ndarray, shape (3,)
+        Where the scenario's target starts [m].
+    plane : {'east_up', 'north_up'}
+    """
+
+    level: Flat | Shell
+    place: Array
+    plane: str
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """What the two axes are called."""
+        return _UPRIGHT[self.plane][0]
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """The same with units."""
+        return _UPRIGHT[self.plane][1]
+
+    @property
+    def middle(self) -> Array:
+        """Height of the target's start, and 0."""
+        return np.array([self._heights(self.place), 0.0])
+
+    @property
+    def furthest(self) -> float:
+        """As on the level plane."""
+        return self.level.furthest
+
+    def _heights(self, places: Array) -> Array:
+        flat = isinstance(self.level, Flat)
+        return np.asarray(places[..., 2] if flat else ecef_to_geodetic(places)[2], dtype=float)
+
+    def coordinates(self, places: Array) -> Array:
+        """See `Chart.coordinates`."""
+        along = _UPRIGHT[self.plane][2]
+        level = self.level.coordinates(places)[..., along] - self.level.middle[along]
+        return np.stack([self._heights(places), level], axis=-1)
+
+    def moved(self, course: Array, names: Sequence[str], to: Array) -> Array:
+        """See `Chart.moved`."""
+        beside = np.broadcast_to(self.level.middle, to.shape).copy()
+        beside[..., _UPRIGHT[self.plane][2]] += to[..., 1]
+        found = self.level.moved(course, names, beside)
+        return _lifted(found, names, to[..., 0] - self._heights(self.place), isinstance(self.level, Shell))
+
+
+def _carried(course: Array, names: Sequence[str], place: Array, start: Array, turn: Array) -> Array:
+    """Return a course (time, n) from `place`, turned by (..., 3, 3), that starts at (..., 3); (..., time, n)."""
+    found = np.broadcast_to(course, (*start.shape[:-1], *course.shape)).copy()
+    for letter in _VECTORS:
+        parts = [letter + axis for axis in POSITION]
+        if not set(parts) <= set(names):
+            continue
+        at = columns(names, parts)
+        vectors = course[..., at] - (place if letter == "" else 0.0)
+        carried = np.einsum("...ij,tj->...ti", turn, vectors)
+        found[..., at] = carried + (start[..., None, :] if letter == "" else 0.0)
+    return found
+
+
+def _lifted(courses: Array, names: Sequence[str], by: ArrayLike, earth_fixed: bool) -> Array:
+    """Return courses (..., time, n) that start higher by (...) [m], along the vertical of their start."""
+    at = columns(names, POSITION)
+    found = courses.copy()
+    vertical = normal(courses[..., 0, at]) if earth_fixed else np.array([0.0, 0.0, 1.0])
+    found[..., at] += (np.asarray(by)[..., None] * vertical)[..., None, :]
+    return found
+
+
+def moved_to(frame: str, course: Array, names: Sequence[str], centre: Array | None, height: float | None) -> Array:
+    """Return a course that starts over or below a place, and at a height.
+
+    Parameters
+    ----------
+    frame : {'local', 'earth_fixed', 'inertial'}
+    course : ndarray, shape (time, n)
+        Of components `names`; it is carried along as a rigid whole.
+    names : sequence of str
+    centre : ndarray, shape (3,), optional
+        [m]
+    height : float, optional
+        [m]; not in inertial axes.
+
+    Raises
+    ------
+    UserError
+        If the target has no height.
+    """
+    if (centre is not None or height is not None) and not set(POSITION) <= set(names):
+        raise UserError(f"map: a target of {', '.join(names)} cannot be moved; {', '.join(POSITION)} are needed")
+    if centre is not None and frame == "earth_fixed":
+        place = course[0, columns(names, POSITION)]
+        here, there = ecef_to_geodetic(place), ecef_to_geodetic(centre)
+        turn = enu_rotation(*there[:2]).T @ enu_rotation(*here[:2])
+        course = _carried(course, names, place, geodetic_to_ecef(*there[:2], here[2]), turn)
+    elif centre is not None:
+        chart = chart_of(frame, course, names)
+        course = chart.moved(course, names, chart.coordinates(centre))
+    if height is not None:
+        start = course[0, columns(names, POSITION)]
+        now = ecef_to_geodetic(start)[2] if frame == "earth_fixed" else start[2]
+        course = _lifted(course, names, height - now, frame == "earth_fixed")
+    return course
+
+
+def chart_of(
+    frame: str, course: Array, names: Sequence[str], plane: str = "level", middle: str = "the scenario's target"
+) -> Chart:
     """Return the plane over which a target may be moved about.
 
     Parameters
@@ -172,6 +284,10 @@ def chart_of(frame: str, course: Array, names: Sequence[str]) -> Chart:
         The target of the scenario.
     names : sequence of str
         Its components.
+    plane : {'level', 'east_up', 'north_up'}
+        Upright ones in local and Earth-fixed axes only.
+    middle : str
+        What is in the middle, for the labels.
 
     Raises
     ------
@@ -181,6 +297,14 @@ def chart_of(frame: str, course: Array, names: Sequence[str]) -> Chart:
     needed = ("x", "y") if frame in _FLAT else POSITION
     if not set(needed) <= set(names):
         raise UserError(f"gdop: a target of {', '.join(names)} cannot be moved about; {', '.join(needed)} are needed")
+    if plane != "level":
+        if frame not in ("local", "earth_fixed") or not set(POSITION) <= set(names):
+            raise UserError(f"map: plane {plane} is not allowed in frame {frame} of {', '.join(names)}; level")
+        return Upright(_level(frame, course, names, middle), course[0, columns(names, POSITION)], plane)
+    return _level(frame, course, names, middle)
+
+
+def _level(frame: str, course: Array, names: Sequence[str], middle: str) -> Flat | Shell:
     if frame in _FLAT:
         return Flat(*_FLAT[frame], course[0, columns(names, ("y", "x"))])
     place = course[0, columns(names, POSITION)]
@@ -192,4 +316,5 @@ def chart_of(frame: str, course: Array, names: Sequence[str]) -> Chart:
         across, words = np.cross(place, ahead), _ORBIT
     across = across - radial * (radial @ across)
     across /= np.linalg.norm(across)
-    return Shell(*words, place, np.stack([across, np.cross(across, radial)]), frame == "earth_fixed")
+    labels = words[1][0].replace(_TARGET, middle), words[1][1]
+    return Shell(words[0], labels, place, np.stack([across, np.cross(across, radial)]), frame == "earth_fixed")

@@ -16,11 +16,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.assembly.build import Assembly, build
-from diagrams.assembly.map import BoundMap, Plane
+from diagrams.assembly.map import BoundMap, Plane, View
 from diagrams.assembly.model import Model
 from diagrams.bounds import alike, rows_present
 from diagrams.errors import UserError
-from diagrams.maps.charts import Chart, chart_of
+from diagrams.maps.charts import chart_of, moved_to
+from diagrams.maps.sides import sides_of
 from diagrams.state_errors import NEEDED
 from diagrams.states import POSITION, VELOCITY, columns, shared, translated
 from systems.estimators.base import Estimator
@@ -34,10 +35,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _KM = 1e3
-_POINTS, _FEWEST = 31, 7  # along a side; odd, so that the scenario's own target is one of them
-_NUMBERS = 2e7  # of all targets' states; long runs get fewer points
-_BEYOND = 1.1  # of the furthest platform
-_OVERHEAD = 0.1  # of the longest distance: at least as far, for platforms above the target
+_TARGET = "the scenario's target"
 _CLOSEST = 1e-3  # of half a side; a target that comes nearer to a platform is not mapped
 _ALIKE = 0.01  # relative difference of standard deviations that count as one
 _CURVES = 20  # paths of platforms drawn
@@ -64,13 +62,15 @@ def default_maps(model: Model, options: Mapping[str, Any], points: int | None = 
     blocks = [block for block in builder.GetSystems() if isinstance(block, Sensor)]
     names, frame = assembly.truth_names, model.frame
     times, course, platforms = recorded_course(model)
-    chart = chart_of(frame, course, names)
-    axis = _axis(chart, course[:, columns(names, shared(POSITION, names))], platforms[0], points, course.size)
-    coordinates = chart.middle + np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
-    truth = chart.moved(course, names, coordinates)
-    place = truth[..., columns(names, shared(POSITION, names))]
+    view, at = model.view or View(), columns(names, shared(POSITION, names))
+    start, course = course[0, at], moved_to(frame, course, names, view.centre, view.height)
+    middle = _TARGET if view.centre is None else "the centre of the map"
+    chart = chart_of(frame, course, names, view.plane, middle)
+    sides = sides_of(chart, view, course[:, at], platforms[0], points, course.size)
+    truth = chart.moved(course, names, np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1))
+    place = truth[..., at]
     apart = _nearest(place, platforms)
-    kept = apart > _CLOSEST * axis[-1]
+    kept = apart > _CLOSEST * np.ptp(sides[1]) / 2
     whole, masked = _rows(blocks, times, place[kept], platforms)
     found = []
     for members, block, prior, spent in _sets(assembly, truth[kept], platforms):
@@ -82,7 +82,7 @@ def default_maps(model: Model, options: Mapping[str, Any], points: int | None = 
         judged = shared(block.motion.names, names)
         found.append(
             BoundMap(
-                plane=Plane(chart.names, chart.labels, _sides(chart, axis)),
+                plane=Plane(chart.names, chart.labels, (sides[0] / _KM, sides[1] / _KM)),
                 seen=seen,
                 truth=own,
                 platforms=platforms,
@@ -90,15 +90,16 @@ def default_maps(model: Model, options: Mapping[str, Any], points: int | None = 
                 sets={members[0]: block.bound_model},
                 motion=block.motion,
                 prior=prior if prior.ndim == 2 or len(prior) == 1 else prior[heard],
-                stated=_stated(members, block, own[:1, 0], times, prior, masked),
+                stated=_stated(members, block, own[:1, 0], times, prior, masked, view),
                 track=chart.coordinates(platforms[0, :, :_CURVES, :3]) / _KM,
                 track_labels=("platforms",) * min(platforms.shape[2], _CURVES),
-                points=chart.middle[None] / _KM,
-                points_label="the scenario's target at the start",
+                points=chart.coordinates(start)[None] / _KM,
+                points_label=f"{_TARGET} at the start",
                 first_epoch_used=spent,
                 present=None if present.all() else present[heard],
                 quantities=_quantities(judged, frame),
                 frame=frame,
+                equal=view.plane == "level",
                 judged=judged,
             )
         )
@@ -119,22 +120,6 @@ def recorded_course(model: Model, seed: int = 0) -> tuple[Array, Array, Array]:
     simulator.AdvanceTo(max(alone.duration, *alone.clock.ticks(alone.duration)[-1:]))
     times, signals = recorder.result(context)
     return times, signals["truth"][:, 0], signals["platforms"][:, 0].reshape(1, times.size, -1, 6)
-
-
-def _axis(chart: Chart, place: Array, platforms: Array, points: int | None, size: int) -> Array:
-    """Return the distances from the middle of the grid's lines [m]."""
-    spots = [chart.coordinates(place), chart.coordinates(platforms[..., :3]).reshape(-1, 2)]
-    reach = _BEYOND * np.nanmax(np.abs(np.concatenate(spots) - chart.middle))
-    distance = np.linalg.norm(platforms[..., : place.shape[-1]] - place[:, None, :], axis=-1)
-    half = min(max(reach, _OVERHEAD * float(np.nanmax(distance))), chart.furthest)
-    if not half > 0:
-        raise UserError("gdop: the platforms are where the target is; no map has a size then")
-    count = points or int(np.clip(np.sqrt(_NUMBERS / size), _FEWEST, _POINTS)) // 2 * 2 + 1
-    return np.linspace(-half, half, count)
-
-
-def _sides(chart: Chart, axis: Array) -> tuple[Array, Array]:
-    return (chart.middle[0] + axis) / _KM, (chart.middle[1] + axis) / _KM
 
 
 def _nearest(place: Array, platforms: Array) -> Array:
@@ -196,13 +181,14 @@ def _quantities(judged: Sequence[str], frame: str) -> tuple[str, ...]:
 
 
 def _stated(
-    members: Sequence[str], block: Estimator, state: Array, times: Array, prior: Array, rows: str
+    members: Sequence[str], block: Estimator, state: Array, times: Array, prior: Array, rows: str, view: View
 ) -> dict[str, str]:
+    height = "" if view.height is None or view.plane != "level" else f" at a height of {view.height:g} m"
     believe = "believes" if len(members) == 1 else "believe"
     return {
         "noise": _noise(block, state, times),
         "prior": _prior(block, prior),
-        "target": f"the scenario's course, moved about as a whole; {rows}; as {_few(members)} {believe}",
+        "target": f"the scenario's course{height}, moved about as a whole; {rows}; as {_few(members)} {believe}",
     }
 
 

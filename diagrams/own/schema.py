@@ -8,6 +8,7 @@ from diagrams.formation import Constants, ReferenceOrbit
 from diagrams.own.movers import Fixed, Mover, RandomMotion
 from diagrams.own.sensors import Sensor
 from diagrams.own.starts import KnownHeight, Snapshot
+from diagrams.own.view import Map
 from systems.documented import choice, documented, number
 from systems.estimators.options import EstimatorOptions
 from systems.registry import estimator_options
@@ -127,6 +128,7 @@ class OwnScenario:
     )
     belief: Belief = documented("what the estimators believe", factory=Belief)
     start: Prior | Given | Snapshot | KnownHeight = documented("how the estimators begin", factory=Prior)
+    map: Map | None = documented("what quietfix gdop draws; null: what is around the target and the platforms", None)
     estimators: dict[str, EstimatorChoice] = documented("the estimators side by side", factory=dict)
 
     @property

@@ -26,6 +26,7 @@ from diagrams.own.resolving import phase_resolvers
 from diagrams.own.schema import OwnScenario
 from diagrams.own.sensing import NAME, PlacedSensor, differentiated, placed_sensors, used_rows
 from diagrams.own.target import Target, target_motion, true_motion, with_bias
+from diagrams.own.view import view_of
 from diagrams.parts.impairment import KnownPlatforms
 from diagrams.parts.movers import Platforms
 from diagrams.parts.sensing import TargetSensor
@@ -114,6 +115,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         frame=frame,
         signals=resolvers.signals,
         rows=resolvers.rows,
+        view=view_of(scenario.map, frame, setting, constants),
         note=" ".join(note for note in (differentiated(sensors), _note(scenario, mover, setting)) if note),
     )
 
