@@ -35,7 +35,7 @@ class Airborne(Formation, Protocol):
 
     @property
     def truth(self) -> AirborneTruth:
-        """What is the case."""
+        """The truth."""
 
 
 def track_axes(scenario: Formation, orbit: DenseOrbit) -> Array:

@@ -117,7 +117,7 @@ def test_across_180_degrees_nothing_changes():
 def test_a_moving_target_is_observable_only_after_the_turn():
     """The bound without prior knowledge: range and speed cannot be told apart on one leg (a ratio of thousands)."""
     study = Study("bearing_crossing:manoeuvre", trials=1, estimators=["ekf"])
-    from diagrams.bearing_crossing import observer_path, target_state
+    from diagrams.bearing_crossing_models import observer_path, target_state
 
     times = np.arange(1001.0)
     motion = ConstantVelocity(0.0, 2)

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from diagrams import beacon_rocket, bearing_crossing, dual_satellite, satellite_ranging, three_satellite
+from diagrams import (
+    beacon_rocket_models,
+    bearing_crossing_models,
+    dual_satellite_models,
+    satellite_ranging_models,
+    three_satellite_models,
+)
 from diagrams.assembly.find import find, systems
 from diagrams.catalogue import load_scenario
 from diagrams.figures.gdop import draw_gdop
@@ -24,7 +30,7 @@ def final(system, estimator, settings, quantity="position"):
 
 
 def orbit_map(scenario, points):
-    return satellite_ranging.bound_map(scenario, scenario.target, points)
+    return satellite_ranging_models.bound_map(scenario, scenario.target, points)
 
 
 @pytest.mark.parametrize("name", systems())
@@ -36,7 +42,9 @@ def test_every_packaged_system_offers_a_map(name):
 @pytest.mark.parametrize("variant", [None, "manoeuvre"])
 def test_bearings_map_is_the_bound_of_studies_with_the_target_there(variant):
     name = "bearing_crossing" + (f":{variant}" if variant else "")
-    found = map_bounds(bearing_crossing.bound_map(load_scenario("bearing_crossing", variant, settings=SHORT), points=6))
+    found = map_bounds(
+        bearing_crossing_models.bound_map(load_scenario("bearing_crossing", variant, settings=SHORT), points=6)
+    )
     for i, j in ((4, 1), (1, 3)):
         place = [float(found["east"][j]), float(found["north"][i])]
         expected = final(name, "ekf", [*SHORT, f"truth.target_km={place}"])
@@ -45,7 +53,7 @@ def test_bearings_map_is_the_bound_of_studies_with_the_target_there(variant):
 
 def test_bearings_locate_nothing_ahead_of_a_straight_flight():
     scenario = load_scenario("bearing_crossing", settings=SHORT)
-    found = map_bounds(bearing_crossing.bound_map(scenario, points=7))["position"].sel(set="azimuth")
+    found = map_bounds(bearing_crossing_models.bound_map(scenario, points=7))["position"].sel(set="azimuth")
     east = found["east"].values
     ahead = found.sel(north=0.0, method="nearest").values[(east > 20) | (east < -10)]
     # the range stays what it was assumed to be
@@ -66,7 +74,7 @@ def test_orbit_map_is_the_bound_of_the_study_of_that_orbit():
 
 def test_rocket_map_is_that_of_the_flight_where_the_flight_is():
     scenario = load_scenario("beacon_rocket", settings=["start_s=100", "stop_s=160"])
-    of = beacon_rocket.bound_map(scenario, points=(3, 5))
+    of = beacon_rocket_models.bound_map(scenario, points=(3, 5))
     vehicle = vehicle_block(scenario)
     flown = np.array([np.concatenate(vehicle.at(float(t))) for t in np.linspace(100, 160, 400)])
     column = of.truth[:, 0]
@@ -78,7 +86,7 @@ def test_rocket_map_is_that_of_the_flight_where_the_flight_is():
     one = posterior_bound(of.truth[[3]], of.platforms, of.times, model, of.motion, of.prior, False)[0, -1]
     np.testing.assert_allclose(last_bound(of, model)[3], one, rtol=1e-9, atol=1e-9)
     # a station below the horizon does not help
-    masked = beacon_rocket.bound_map(
+    masked = beacon_rocket_models.bound_map(
         load_scenario("beacon_rocket", "masked", settings=["start_s=100", "stop_s=160"]), points=(3, 5)
     )
     assert not masked.present.all()
@@ -87,7 +95,7 @@ def test_rocket_map_is_that_of_the_flight_where_the_flight_is():
 
 
 def test_more_rows_never_raise_the_bound_and_no_bound_is_above_the_prior():
-    dual = map_bounds(dual_satellite.bound_map(load_scenario("dual_satellite", settings=SHORT)))
+    dual = map_bounds(dual_satellite_models.bound_map(load_scenario("dual_satellite", settings=SHORT)))
     whole = dual["position"].sel(set="direction + TDOA + FDOA")
     for name in ("direction", "TDOA + FDOA"):
         part = dual["position"].sel(set=name)
@@ -102,10 +110,10 @@ def test_more_rows_never_raise_the_bound_and_no_bound_is_above_the_prior():
 @pytest.mark.parametrize(
     ("make", "system", "settings"),
     [
-        (lambda s: bearing_crossing.bound_map(s, 6), "bearing_crossing", SHORT),
-        (lambda s: beacon_rocket.bound_map(s, (3, 4)), "beacon_rocket", ["start_s=100", "stop_s=160"]),
+        (lambda s: bearing_crossing_models.bound_map(s, 6), "bearing_crossing", SHORT),
+        (lambda s: beacon_rocket_models.bound_map(s, (3, 4)), "beacon_rocket", ["start_s=100", "stop_s=160"]),
         (lambda s: orbit_map(s, (3, 4)), "satellite_ranging", ["duration_s=100"]),
-        (lambda s: three_satellite.bound_map(s, {"one": ["tdoa"]}, spacing_km=750.0), "three_satellite", SHORT),
+        (lambda s: three_satellite_models.bound_map(s, {"one": ["tdoa"]}, spacing_km=750.0), "three_satellite", SHORT),
     ],
     ids=["bearings", "rocket", "orbits", "ground"],
 )

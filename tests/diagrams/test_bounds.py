@@ -9,7 +9,7 @@ from diagrams.assembly.find import find
 from diagrams.bounds import StudyBounds, add_bounds, bound_curves
 from diagrams.catalogue import load_scenario
 from diagrams.posterior_bound import posterior_bound
-from diagrams.three_satellite import satellite_states, target_state
+from diagrams.three_satellite_models import satellite_states, target_state
 from systems.counting import counting
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.whitening import Whitener

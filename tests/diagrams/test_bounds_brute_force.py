@@ -6,7 +6,7 @@ import pytest
 from diagrams.bounds import bound_squares
 from diagrams.catalogue import load_scenario
 from diagrams.posterior_bound import posterior_bound
-from diagrams.three_satellite import models, satellite_orbit, target_state
+from diagrams.three_satellite_models import models, satellite_orbit, target_state
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.unscented import UnscentedKalman
 from systems.filters.whitening import Whitener

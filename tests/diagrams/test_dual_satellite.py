@@ -7,7 +7,8 @@ import pytest
 
 from diagrams import formation, run_study
 from diagrams.catalogue import load_scenario
-from diagrams.dual_satellite import Truth, delay_doppler_sigmas, models, target_state
+from diagrams.dual_satellite_models import delay_doppler_sigmas, models, target_state
+from diagrams.dual_satellite_scenario import Truth
 from diagrams.errors import UserError
 from diagrams.metrics import summarise
 from systems.frames import inertial_to_earth_fixed

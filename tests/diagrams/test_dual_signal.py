@@ -7,7 +7,7 @@ import pytest
 
 from diagrams import run_study
 from diagrams.catalogue import load_scenario
-from diagrams.dual_satellite import models
+from diagrams.dual_satellite_models import models
 from diagrams.dual_signal import QUALITY, predicted_sigmas
 from diagrams.errors import UserError
 from diagrams.study import Study

@@ -7,7 +7,8 @@ from diagrams.figures.gdop import draw_gdop
 from diagrams.maps.bounds import last_bound, map_bounds
 from diagrams.maps.command import map_figures
 from diagrams.maps.ground import Prior, ground_areas, ground_grid, ground_map
-from diagrams.three_satellite import SYSTEM, bound_map, measurement_sets, models
+from diagrams.three_satellite import SYSTEM
+from diagrams.three_satellite_models import bound_map, measurement_sets, models
 from systems.geodetic import ecef_to_geodetic
 from systems.measurement.stack import Stack
 from tests.fitting import check_fits

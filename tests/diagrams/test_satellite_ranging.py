@@ -5,8 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-import diagrams.satellite_ranging as satellite_ranging
-from diagrams import load_scenario, run_study
+from diagrams import load_scenario, run_study, satellite_ranging_models
 from diagrams.consistency import nees_statistics
 from diagrams.errors import UserError
 from diagrams.metrics import armse, convergence_time, diverged, median, rmse, summarise
@@ -45,13 +44,15 @@ def within(values, bands):
 
 def test_the_packaged_scenario_is_the_papers():
     scenario = load_scenario(NAME)
-    observer, target = satellite_ranging.initial_states(scenario)
+    observer, target = satellite_ranging_models.initial_states(scenario)
     np.testing.assert_allclose(target, TARGET, rtol=1e-12, atol=1e-6)
     np.testing.assert_allclose(observer, OBSERVER, rtol=1e-12, atol=1e-6)
-    np.testing.assert_array_equal(satellite_ranging.prior_covariance(scenario), PRIOR)
-    np.testing.assert_allclose(satellite_ranging.true_sensor(scenario).sigmas, SIGMAS)
+    np.testing.assert_array_equal(satellite_ranging_models.prior_covariance(scenario), PRIOR)
+    np.testing.assert_allclose(satellite_ranging_models.true_sensor(scenario).sigmas, SIGMAS)
     assert (
-        satellite_ranging.gravity(scenario).mu == EARTH.mu and scenario.duration_s == 5000 and scenario.period_s == 10
+        satellite_ranging_models.gravity(scenario).mu == EARTH.mu
+        and scenario.duration_s == 5000
+        and scenario.period_s == 10
     )
     assert list(scenario.estimators) == ["ra", "ra_look_ahead", "ra_paper", "bo", "bcr", "iekf", "ukf", "bank"]
 
@@ -260,7 +261,7 @@ def test_a_recorded_orbit_without_velocities_is_as_good(recorded, monkeypatch, t
         (tmp_path / "sp3" / f"{name}.sp3").write_text("\n".join([*text, "EOF", ""]))
     for name in ("all", "positions"):
         scenario = load_scenario(NAME, "jason2", settings=[f"target.file={name}.sp3"])
-        times, states = satellite_ranging.recorded_orbit(scenario)
+        times, states = satellite_ranging_models.recorded_orbit(scenario)
         found[name] = np.array([hermite(times, states, t)[0] for t in np.arange(0.0, 5001.0, 10.0)])
     # the velocities of the file scatter by 0.3 mm/s; at the record's ends it is 0.6 mm/s
     off = np.linalg.norm((found["all"] - found["positions"]).reshape(-1, 2, 3), axis=-1)

@@ -10,7 +10,7 @@ from diagrams.assembly.find import find
 from diagrams.assembly.lineup import select_estimators
 from diagrams.catalogue import load_scenario
 from diagrams.posterior_bound import posterior_bound
-from diagrams.three_satellite import models
+from diagrams.three_satellite_models import models
 from systems.angle_wrapping import wrap
 from systems.clocks import Periodic
 from systems.constants import SPEED_OF_LIGHT

@@ -9,8 +9,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.integrate import solve_ivp
 
-from diagrams.beacon_rocket import rocket_model
 from diagrams.catalogue import load_scenario
+from diagrams.launch import rocket_model
 from systems.clocks import Periodic
 from systems.motion.rocket import LaunchSite, RocketModel, Stage
 from systems.plants.rocket import Rocket
