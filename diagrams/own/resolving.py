@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from diagrams.assembly.bus import Bus
 from diagrams.errors import UserError, choose
 from diagrams.own.kinds import Phase
@@ -14,7 +17,9 @@ from diagrams.parts.resolving import PhaseResolution
 from systems.measurement.phase import InterferometerPhase
 from systems.measurement.tdoa import Tdoa
 
-__all__ = ["Resolvers", "phase_resolvers", "two_differences"]
+__all__ = ["Resolvers", "open_cycles", "phase_resolvers", "two_differences"]
+
+Array = NDArray[np.float64]
 
 _NAME = "phase_resolver"
 
@@ -50,6 +55,36 @@ class Resolvers:
 def two_differences(kinds: Sequence[Measured]) -> dict[str, Measured]:
     """Return the kinds of measurement that, with a height, make a fix: TDOAs of two rows."""
     return {kind.name: kind for kind in kinds if isinstance(kind.believed, Tdoa) and kind.believed.size == 2}
+
+
+def open_cycles(kinds: Sequence[Measured], spread: Array | None, target: Array, platforms: Array) -> str:
+    r"""Return a note on wrapped phases that nothing resolves and whose cycle the start leaves open; empty: none.
+
+    The cycle next to the prediction is the right one where the error of the two together,
+    :math:`\sqrt{h^T P h + \sigma^2}`, is below half a cycle; three standard deviations of it are asked for.
+
+    Parameters
+    ----------
+    kinds : sequence of Measured
+    spread : ndarray, shape (1, n, n), optional
+        Covariance of the start; None: it cannot be said.
+    target, platforms : ndarray, shapes (1, n) and (1, p, 6)
+        At the start.
+    """
+    said: list[str] = []
+    for kind in kinds:
+        model = kind.cleared
+        if spread is None or not (isinstance(model, InterferometerPhase) and model.wrapped):
+            continue
+        slope = model.jacobian(target, platforms)
+        variance = np.einsum("...ij,...jk,...ik->...i", slope, spread, slope) + model.sigma**2
+        cycles = 3 * float(np.sqrt(np.nanmax(variance))) / (2 * np.pi)
+        if cycles > 0.5:
+            said.append(
+                f"{kind.name} is wrapped, nothing resolves it, and the start leaves its phase open by {cycles:.2g} "
+                "cycles (3 sigma): resolved_by or chain_m."
+            )
+    return " ".join(said)
 
 
 def phase_resolvers(scenario: OwnScenario, kinds: Sequence[Measured], states: int) -> Resolvers:

@@ -16,13 +16,13 @@ from diagrams.assembly.model import Assumed, Model, Part
 from diagrams.assembly.system import System
 from diagrams.errors import UserError, shown
 from diagrams.formation import gravity_constants
-from diagrams.own.beginning import Surroundings, begin
+from diagrams.own.beginning import Begin, Surroundings, begin
 from diagrams.own.impairing import Together, impaired
-from diagrams.own.movers import Mover, RandomMotion, Tle
+from diagrams.own.movers import RandomMotion, Tle
 from diagrams.own.paths import Path, path_of, paths_of
 from diagrams.own.places import Places
 from diagrams.own.records import Setting, old_elements
-from diagrams.own.resolving import phase_resolvers
+from diagrams.own.resolving import open_cycles, phase_resolvers
 from diagrams.own.schema import OwnScenario
 from diagrams.own.sensing import NAME, PlacedSensor, differentiated, placed_sensors, used_rows
 from diagrams.own.target import Target, target_motion, true_motion, with_bias
@@ -33,6 +33,7 @@ from diagrams.parts.sensing import TargetSensor
 from diagrams.scenario import read_yaml
 from systems.clocks import Clock, Merged
 from systems.estimators.options import EstimatorOptions
+from systems.motion.gravity import GravityConstants
 from systems.plants.path import Path as PathBlock
 
 __all__ = ["OwnScenario", "declare", "own_system"]
@@ -58,6 +59,15 @@ def _check_seen(scenario: OwnScenario, sensors: Sequence[PlacedSensor], target: 
             )
 
 
+def _places(scenario: OwnScenario, constants: GravityConstants) -> Places:
+    """Return what sensors have around them."""
+    for name in scenario.platforms:
+        if not NAME.fullmatch(name):
+            raise UserError(f"platforms: the name {name!r} is not allowed; letters, digits and _, a letter first")
+    numbers = {name: i for i, name in enumerate(scenario.platforms)}
+    return Places(numbers, scenario.frame, constants, None if scenario.oscillator is None else _OSCILLATOR)
+
+
 def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
     """Return platforms, target, sensors and what the estimators are given; see `diagrams.assembly`.
 
@@ -69,12 +79,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
     setting = Setting(duration, scenario.start_utc, folder, scenario.reference_orbit)
     setting.began()
     paths = paths_of({f"platforms.{name}": one for name, one in scenario.platforms.items()}, frame, setting, constants)
-    numbers = {name: i for i, name in enumerate(scenario.platforms)}
-    for name in numbers:
-        if not NAME.fullmatch(name):
-            raise UserError(f"platforms: the name {name!r} is not allowed; letters, digits and _, a letter first")
-    places = Places(numbers, frame, constants, None if scenario.oscillator is None else _OSCILLATOR)
-    sensors = placed_sensors(scenario, places)
+    sensors = placed_sensors(scenario, _places(scenario, constants))
     clock: Clock = sensors[0].clock if len(sensors) == 1 else Merged([one.clock for one in sensors])
     flight = target_motion(scenario)
     motion = with_bias(scenario, flight, scenario.belief.walk_hz2ps)
@@ -86,7 +91,8 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
 
     _check_seen(scenario, sensors, path, carriers)
     kinds = [kind for one in sensors for kind in one.kinds]
-    start, needed = begin(Surroundings(scenario, kinds, clock, motion.size, path, carriers, setting))
+    around = Surroundings(scenario, kinds, clock, motion.size, path, carriers, setting)
+    start, needed = begin(around)
     resolvers = phase_resolvers(scenario, kinds, motion.size)
 
     def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
@@ -111,17 +117,32 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         assume=assume,
         truth_motion=true_motion(scenario, flight),
         truth_states=motion.names,
-        platforms=list(numbers),
+        platforms=list(scenario.platforms),
         frame=frame,
         signals=resolvers.signals,
         rows=resolvers.rows,
         view=view_of(scenario.map, frame, setting, constants),
-        note=" ".join(note for note in (differentiated(sensors), _note(scenario, mover, setting)) if note),
+        note=" ".join(
+            note for note in (differentiated(sensors), _open(around, start), _old(scenario, setting)) if note
+        ),
     )
 
 
-def _note(scenario: OwnScenario, target: Mover, setting: Setting) -> str:
-    """Return what is doubtful about the movers."""
+def _open(around: Surroundings, start: Begin) -> str:
+    """Return what the start does not tell of the phases."""
+    rows = [row for kind in around.kinds for row in kind.real.names]
+    for name, options in around.scenario.estimators.items():
+        if not options.resolves_phases:
+            target = np.zeros((1, around.states))
+            target[0, :6], platforms = around.target(0.0), around.carriers(0.0).reshape(1, -1, 6)
+            spread = start(name, options, rows).covariance_at(target, platforms)
+            return open_cycles(around.kinds, spread, target, platforms)
+    return ""
+
+
+def _old(scenario: OwnScenario, setting: Setting) -> str:
+    """Return which two-line elements are old."""
+    target = scenario.target.start if isinstance(scenario.target, RandomMotion) else scenario.target
     movers = {**{f"platforms.{name}": one for name, one in scenario.platforms.items()}, "target": target}
     notes = [old_elements(one, setting, where) for where, one in movers.items() if isinstance(one, Tle)]
     return " ".join(note for note in notes if note)

@@ -57,6 +57,10 @@ def test_packaged_files_fit(name):
         "sensors: {a: !Tdoa {receivers: b}}",
         "sensors: {a: !Bearing {sigma_elevation_deg: true}}",
         "estimators: {a: !Iekf {max_iterations: 0}}",
+        "sensors: {a: !Joint {kinds: {t: !Tdoa {sigma_ns: -1}}}}",
+        "sensors: {a: !Joint {kinds: {t: !Tdoa {every_s: 2}}}}",
+        "map: {plane: tilted}",
+        "map: {centre: here}",
     ],
 )
 def test_it_refuses_what_the_loader_refuses(text):

@@ -62,6 +62,13 @@ CASES = {
         {"truth.light_time": True, "truth.correlated": True},
         {f"{SENSOR}.kinds.{kind}.{field}": True for kind in ("tdoa", "fdoa") for field in ("light_time", "correlated")},
     ),
+    "one wave front, believed to be of one instant": (
+        {"truth.light_time": True, "belief.light_time": False},
+        {
+            **{f"{SENSOR}.kinds.{kind}.light_time": True for kind in ("tdoa", "fdoa")},
+            **wrong(20, 1, 15),
+        },
+    ),
     "the paper's sign": ({"truth.paper_sign": True}, {f"{SENSOR}.kinds.fdoa.paper_sign": True}),
     "a great circle": (
         {"truth.motion": "!GreatCircle {}"},
