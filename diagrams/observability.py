@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,14 +27,7 @@ from systems.observability import Spectrum, information_roots, spectrum
 from systems.recorder import record
 from systems.signals import Draw, set_draw
 
-__all__ = [
-    "Observability",
-    "observe",
-    "prior_root",
-    "report",
-    "share_words",
-    "write_observability",
-]
+__all__ = ["Observability", "observe", "prior_root", "share_words"]
 
 Array = NDArray[np.float64]
 
@@ -340,56 +331,3 @@ def _one(
     sight[placed] = rotation @ (away / max(float(np.linalg.norm(away)), np.finfo(float).tiny))
     found = spectrum(roots)
     return Observability(names, list(model.names), times, labels, turned @ prior, list(motion.units), found, sight)
-
-
-def report(found: Sequence[Observability], title: str) -> None:
-    """Print a table per set of measurements, and the verdict."""
-    from diagrams.tables import Column, Table, print_table
-    from diagrams.terminal import say
-
-    for one in found:
-        s = one.spectrum
-        table = Table(
-            f"{title}: {', '.join(one.estimators)}",
-            [
-                *("time [s]", "rank", "better than prior", "condition"),
-                *(Column("worst direction"), "its sigma", "variance left"),
-            ],
-            caption=f"rows {', '.join(one.rows)}; the prior's sigmas: {_counted(one)}",
-        )
-        for k in _telling(s):
-            worst = s.sigma[k, -1]
-            table.add(
-                f"{one.times[k]:g}",
-                f"{s.rank[k]} of {len(one.components)}",
-                f"{s.known[k]}",
-                f"{s.condition[k]:.2g}" if np.isfinite(s.condition[k]) else "infinite",
-                one.weakest_words(k),
-                f"{worst:.3g} x prior" if np.isfinite(worst) else "infinite",
-                f"{s.left[k, -1]:.3g}",
-            )
-        print_table(table)
-        say(f"{', '.join(one.estimators)}: {one.verdict()}")
-
-
-def _counted(one: Observability) -> str:
-    parts = zip(one.components, one.prior_sigma, one.units, strict=True)
-    return ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in parts)
-
-
-def _telling(s: Spectrum, most: int = 9) -> Iterator[int]:
-    """Yield the first and last epoch, and those at which rank or number of known directions changes."""
-    counts = np.stack([s.rank, s.known], axis=-1)
-    changes = np.flatnonzero(np.any(np.diff(counts, axis=0) != 0, axis=-1)) + 1
-    yield from sorted({0, *changes[: most - 2].tolist(), len(counts) - 1})
-
-
-def write_observability(path: Path, found: Sequence[Observability], system: Found) -> None:
-    """Write ``summary.json``: ``system``, ``time_s``, and under ``sets`` what `Observability.summary` returns."""
-    whole = {
-        "system": system.reference,
-        "variant": system.variant,
-        "time_s": [float(t) for t in found[0].times],
-        "sets": [one.summary() for one in found],
-    }
-    path.write_text(json.dumps(whole, indent=1, allow_nan=False) + "\n", encoding="utf-8")

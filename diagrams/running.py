@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -195,7 +196,8 @@ def observe_command(
     overwrite: bool,
 ) -> None:
     """Say what is observable; see ``quietfix observe --help``."""
-    from diagrams.observability import observe, report, write_observability
+    from diagrams.observability import observe
+    from diagrams.observability_report import observability_summary, print_observability
 
     where = find(system)
     only_simulated(where, "observe")
@@ -204,10 +206,12 @@ def observe_command(
         from diagrams.figures.observability import observe_figures
 
         with OutputFolder(out, overwrite, "observe") as folder:
-            write_observability(folder.work / "summary.json", found, where)
-            observe_figures(found, system, folder.work)
+            summary = observability_summary(found, where)
+            text = json.dumps(summary, indent=1, allow_nan=False) + "\n"
+            (folder.work / "summary.json").write_text(text, encoding="utf-8")
+            observe_figures(summary, system, folder.work)
             folder.finish()
-    report(found, system)
+    print_observability(found, system)
     if out is not None:
         print(f"wrote {out}: summary.json, figures")
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from diagrams.figures.style import grid, log_scale, new_figure, save
-from diagrams.observability import Observability
 
 __all__ = ["draw_observability", "observe_figures"]
 
@@ -22,21 +22,25 @@ def _short(head: str, names: Sequence[str], most: int = 6) -> str:
     return f"{head}: {shown}" if head else shown
 
 
-def draw_observability(one: Observability, title: str) -> Figure:
+def draw_observability(one: Mapping[str, Any], time_s: Sequence[float], title: str) -> Figure:
     """Draw the standard deviation of every direction, and the worst direction's components.
 
     Parameters
     ----------
-    one : Observability
-        Over at least one epoch.
+    one : mapping
+        A set of measurements as ``summary.json`` of ``quietfix observe`` holds it under ``sets``: ``estimators``,
+        ``rows``, ``components``, and over the epochs ``sigma`` and ``weakest``.
+    time_s : sequence of float
+        Epochs [s], at least one.
     title : str
         System and variant.
     """
     figure, (above, below) = new_figure(height=9.0, rows=2, sharex=True, height_ratios=(3, 2))
-    elapsed = one.times - one.times[0]
+    elapsed = np.asarray(time_s, dtype=float) - time_s[0]
     step = elapsed[1] if elapsed.size > 1 else 1.0
     time = elapsed + step  # the first epoch has its place on a logarithmic axis as well
-    sigma, n = one.spectrum.sigma, len(one.components)
+    sigma, components = np.array(one["sigma"], dtype=float), one["components"]
+    n = len(components)
     style = "." if elapsed.size < 3 else "-"
     for i in range(n):
         values = np.where(sigma[:, i] < _LARGEST, sigma[:, i], np.nan)
@@ -56,31 +60,35 @@ def draw_observability(one: Observability, title: str) -> Figure:
     above.set_ylabel("sigma from measurements / prior")
     grid(above)
     above.legend(loc="lower left", fontsize=11)
-    shares = one.weakest_shares
+    shares = np.array(one["weakest"], dtype=float)
     order = [i for i in np.argsort(-shares.max(axis=0)) if shares[:, i].max() > 0.05][:8]
     rest = 1 - shares[:, order].sum(axis=-1)
     if elapsed.size > 1:
-        below.stackplot(time, shares[:, order].T, labels=[one.components[i] for i in order], alpha=0.85, step="post")
+        below.stackplot(time, shares[:, order].T, labels=[components[i] for i in order], alpha=0.85, step="post")
         if rest.max() > 0.01:
             below.fill_between(time, 1 - rest, 1, color="0.8", step="post", label="others, below 5 % each")
     else:
         below.bar([time[0]], [1.0], width=0.1, color="none")
         bottom = 0.0
         for i in order:
-            below.bar([time[0]], shares[0, i], bottom=bottom, width=0.1, label=one.components[i])
+            below.bar([time[0]], shares[0, i], bottom=bottom, width=0.1, label=components[i])
             bottom += shares[0, i]
     below.set(xlabel=f"time since the first epoch, plus one period ({step:g} s)", ylabel="worst direction consists of")
     below.set_ylim(0, 1)
     below.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=10, frameon=False)
     if time.size > 1:
         below.set_xlim(time[0], time[-1])
-    lines = [_short(title, one.estimators), f"state at the start from {_short('', one.rows)}"]
+    lines = [_short(title, one["estimators"]), f"state at the start from {_short('', one['rows'])}"]
     figure.suptitle("\n".join([*lines, "alone: no prior, no process noise"]), fontsize=13)
     return figure
 
 
-def observe_figures(found: Sequence[Observability], title: str, folder: Path | str) -> list[Path]:
-    """Draw and save a figure per set of measurements, ``observability_ESTIMATOR.png``."""
+def observe_figures(summary: Mapping[str, Any], title: str, folder: Path | str) -> list[Path]:
+    """Draw and save a figure per set of measurements of a ``summary.json``, ``observability_ESTIMATOR.png``."""
     return [
-        save(draw_observability(one, title), Path(folder) / f"observability_{one.estimators[0]}.png") for one in found
+        save(
+            draw_observability(one, summary["time_s"], title),
+            Path(folder) / f"observability_{one['estimators'][0]}.png",
+        )
+        for one in summary["sets"]
     ]

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from diagrams.figures.style import save
-from diagrams.figures.verification import draw_verification
+from diagrams.figures.verification import VerdictRow, draw_verification
 from diagrams.output import OutputFolder
 from diagrams.tables import Column, Styled, Table, print_table
 from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED, WORDS
 from diagrams.verification.verify import Finding, Report, readable, verify
 
-__all__ = ["print_report", "verify_command"]
+__all__ = ["print_report", "verification_figure", "verify_command"]
 
 _STYLES = {HOLDS: "green", FAILS: "red", UNDECIDED: "yellow"}
 
@@ -25,11 +27,28 @@ def verify_command(file: Path, trials: int | None, seed: int | None, out: Path |
     with OutputFolder(out, overwrite, "verify") as folder:
         report = verify(file, trials=trials, seed=seed, progress=True)
         (folder.work / "verification.json").write_text(report.as_json(), encoding="utf-8")
-        save(draw_verification(report), folder.work / "verification.png")
+        save(verification_figure(report), folder.work / "verification.png")
         folder.finish()
     print_report(report)
     print(f"wrote {out}: verification.json, verification.png")
     return report.status
+
+
+def verification_figure(report: Report) -> Figure:
+    """Return the figure of a report: every requirement against its limit."""
+    return draw_verification([_drawn(finding) for finding in report.findings], _title(report))
+
+
+def _drawn(finding: Finding) -> VerdictRow:
+    asked = finding.requirement
+    unit, case = f" {finding.unit}" if finding.unit else "", f" ({asked.case})" if asked.case else ""
+    label = f"{asked.name}{case}\n{finding.limit}{unit}"
+    numbers = finding.estimate, finding.lower, finding.upper
+    return VerdictRow(label, asked.at_least, asked.at_most, *numbers, finding.verdict, finding.trials)
+
+
+def _title(report: Report) -> str:
+    return f"{report.path.name}: {report.specification.system}, seed {report.seed}"
 
 
 def print_report(report: Report) -> None:
@@ -37,7 +56,7 @@ def print_report(report: Report) -> None:
     looks = ", ".join(map(str, report.looks))
     chances = sorted({f"{1 - (finding.requirement.confidence or 0):.2g}" for finding in report.findings})
     table = Table(
-        f"{report.path.name}: {report.specification.system}, seed {report.seed}",
+        _title(report),
         [
             *map(Column, ("requirement", "estimator", "metric")),
             *("estimate", "interval", Column("limit"), Column("verdict"), "trials"),

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom, binomtest, bootstrap
 
-from diagrams.figures.verification import draw_verification
 from diagrams.verification import metrics
+from diagrams.verification.command import verification_figure
 from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED, Limit, judge
 from diagrams.verification.specification import Requirement, Specification
 from diagrams.verification.statistics import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean
@@ -137,7 +137,7 @@ def test_the_figure_shows_what_lies_beyond():
         finding("lost", None, 100.0, FAILS, np.inf, np.inf, np.inf),
         finding("no trial", 50.0, 100.0, UNDECIDED, np.nan, -np.inf, np.inf),
     )
-    figure = draw_verification(Report(Path("x.yaml"), Specification("three_satellite"), 0, (100,), findings, ""))
+    figure = verification_figure(Report(Path("x.yaml"), Specification("three_satellite"), 0, (100,), findings, ""))
     (axes,) = figure.axes
     assert [label.get_text().splitlines()[0] for label in axes.get_yticklabels()] == [
         "inside", "far out", "far below", "no rate at all", "lost", "no trial",
