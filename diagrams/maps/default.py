@@ -59,27 +59,24 @@ def default_maps(model: Model, options: Mapping[str, Any], points: int | None = 
     """
     builder = DiagramBuilder()
     assembly = build(model, builder, options, 1)
-    blocks = [block for block in builder.GetSystems() if isinstance(block, Sensor)]
+    sensors = [block for block in builder.GetSystems() if isinstance(block, Sensor)]
     names, frame = assembly.truth_names, model.frame
     times, course, platforms = recorded_course(model)
     view, at = model.view or View(), columns(names, shared(POSITION, names))
     start, course = course[0, at], moved_to(frame, course, names, view.centre, view.height)
-    middle = _TARGET if view.centre is None else "the centre of the map"
-    chart = chart_of(frame, course, names, view.plane, middle)
+    chart = chart_of(frame, course, names, view.plane, _TARGET if view.centre is None else "the centre of the map")
     sides = sides_of(chart, view, course[:, at], platforms[0], points, course.size)
     truth = chart.moved(course, names, np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1))
     place = truth[..., at]
-    apart = _nearest(place, platforms)
-    kept = apart > _CLOSEST * np.ptp(sides[1]) / 2
-    whole, masked = _rows(blocks, times, place[kept], platforms)
+    kept = _nearest(place, platforms) > _CLOSEST * np.ptp(sides[1]) / 2
+    whole, masked = _rows(sensors, times, place[kept], platforms)
     found = []
     for members, block, prior, spent in _sets(assembly, truth[kept], platforms):
         present = rows_present(assembly, block, _stream(assembly, block, whole, kept.sum(), times.size))
         heard = present.any(axis=(-1, -2))
-        seen = kept.copy()
+        seen = np.zeros_like(kept)
         seen[kept] = heard
-        own = translated(truth[kept][heard], names, block.motion)
-        judged = shared(block.motion.names, names)
+        own, judged = translated(truth[kept][heard], names, block.motion), shared(block.motion.names, names)
         found.append(
             BoundMap(
                 plane=Plane(chart.names, chart.labels, (sides[0] / _KM, sides[1] / _KM)),

@@ -112,7 +112,7 @@ def test_a_wrong_cycle_is_seen_where_the_noise_is_large():
 
 
 def test_cycles_that_the_start_leaves_open_are_told():
-    """20 km across a line of sight of 930 km, a baseline of 30 wavelengths: 0.64 cycles, 1.9 at 3 sigma."""
+    """20 km across a line of sight of 920 km, a baseline of 30 wavelengths: 0.64 cycles, 1.9 at 3 sigma."""
     wide = {"start": "!Prior {sigma_position_m: 20000, sigma_velocity_mps: 100}"}
     note = study(wide | {f"{PHASE}.resolved_by": "''"}).attrs["note"]
     assert "phase is wrapped, nothing resolves it, and the start leaves its phase open by 1.9 cycles" in note
