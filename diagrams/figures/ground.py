@@ -179,6 +179,8 @@ def _draw_last_errors(axes: Any, dataset: xr.Dataset) -> None:
     wider = np.argsort(np.argsort(widths, kind="stable"))  # the wider a cloud the lower it lies
     for cloud, rank, (name, look) in zip(clouds, wider, looks(dataset).items(), strict=True):
         axes.plot(cloud[:, 0], cloud[:, 1], ".", color=look.color, markersize=5, label=name, zorder=3 - 0.01 * rank)
+    if not any(map(len, clouds)):
+        axes.set(xlim=(-1, 1), ylim=(-1, 1))  # nothing but the truth
     axes.axhline(0, color="0.6", linewidth=0.8)
     axes.axvline(0, color="0.6", linewidth=0.8)
     axes.plot(0, 0, "+", color=_TARGET, markersize=14, markeredgewidth=2, zorder=4)

@@ -32,6 +32,7 @@ from systems.fixes.snapshot import starts_around, starts_around_level
 from systems.measurement.altitude import Altitude
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
+from systems.measurement.visibility import ElevationMask
 from systems.sensors.prior import PriorEstimate
 
 __all__ = ["Begin", "Surroundings", "begin"]
@@ -163,6 +164,7 @@ def _known_height(field: KnownHeight, around: Surroundings) -> tuple[Begin, list
         raise UserError("start: a fix knows nothing of the oscillator; !Prior or !Given")
     platforms = around.carriers(able[name].timed.offset_s).reshape(1, -1, 6)
     order = [tdoa.reference, *tdoa.receivers]
+    _check_above(around, order)
     if field.method == "closed_form" and not np.all(has_closed_form(platforms[:, order])):
         raise UserError(
             "start.method: closed_form is not allowed for these platforms (collinear, or in one plane with the Earth's "
@@ -175,3 +177,19 @@ def _known_height(field: KnownHeight, around: Surroundings) -> tuple[Begin, list
 
     height = Altitude(field.sigma_height_m, "assumed_height")
     return make, [TargetSensor("assumed_height", height, around.clock)]
+
+
+def _check_above(around: Surroundings, receivers: Sequence[int]) -> None:
+    """Refuse receivers that are never all above the target's horizon: the fix takes no other solution."""
+    ticks = around.clock.ticks(around.setting.duration)
+    times = [float(t) for t in ticks[:: max(1, len(ticks) // 60)]]
+    target = np.array([around.target(t) for t in times])
+    carriers = np.array([around.carriers(t).reshape(-1, 6) for t in times])
+    above = ElevationMask(0.0, "target").visible(target, carriers)[:, receivers]
+    if not above.all(axis=1).any():
+        worst = list(around.scenario.platforms)[receivers[int(np.argmin(above.sum(axis=0)))]]
+        never = f"{worst} never is" if not above.any(axis=0).all() else "they never are all at once"
+        raise UserError(
+            f"start: !KnownHeight is for receivers above the target's horizon, such as satellites; {never}; !Snapshot "
+            "or !Prior"
+        )

@@ -207,6 +207,12 @@ def test_a_start_by_a_fix_is_as_good_as_it_says(folder, text, start):
     [
         (LOCAL + RANGES, "!KnownHeight {}", "start: !KnownHeight is for frame earth_fixed only, this is local"),
         (SATELLITES + RANGES, "!KnownHeight {}", "start: !KnownHeight needs a !Tdoa of two rows; there is none"),
+        (
+            SATELLITES.replace("c: !Kepler {", "c: !Geodetic {latitude_deg: 2, longitude_deg: 4} #")
+            + "sensors: {tdoa: !Tdoa {}}\n",
+            "!KnownHeight {}",
+            "start: !KnownHeight is for receivers above the target's horizon, such as satellites; c never is;",
+        ),
         (LOCAL + RANGES, "!Snapshot {sensors: [height]}", r"start.sensors: \['altitude'\] are not enough"),
         (LOCAL + RANGES, "!Snapshot {sensors: [rangy]}", r"start.sensors: rangy is not known \(did you mean range"),
         (LOCAL + "sensors: {doppler: !RangeRate {}}\n", "!Snapshot {}", "doppler is not allowed; a fix is of rows"),
