@@ -11,6 +11,7 @@ from __future__ import annotations
 from functools import partial
 
 from diagrams.assembly.bus import Bus
+from diagrams.assembly.frame import LAUNCH
 from diagrams.assembly.model import Assumed, Model
 from diagrams.assembly.system import System, packaged
 from diagrams.beacon_rocket_models import (
@@ -76,7 +77,7 @@ def declare(scenario: Scenario) -> Model:
         truth_states=KnownFlight([0.0]).names,
         signals={"mode": "mode", "stage": "stage"},
         platforms=station_names(scenario),
-        frame="launch",
+        frame=LAUNCH,
         map=partial(bound_map, scenario),
     )
 

@@ -14,6 +14,7 @@ from diagrams.beacon_rocket_scenario import Belief, ConstantBias, LinearBias, Ra
 from diagrams.errors import UserError
 from diagrams.launch import (
     launch_site,
+    station_names,
     station_positions,
     vehicle_block,
 )
@@ -144,6 +145,7 @@ def bound_map(scenario: Scenario, points: tuple[int, int] | None = None) -> Boun
         np.array([np.concatenate(vehicle.at(float(t))) for t in flown_at]),
         launch_site(scenario),
         station_positions(scenario),
+        station_names(scenario),
         Periodic(scenario.period_s),
         believed_sensor(scenario),
         believed_motion(scenario, vehicle),

@@ -15,6 +15,7 @@ from typing import cast
 import numpy as np
 
 from diagrams.assembly.bus import Bus
+from diagrams.assembly.frame import LOCAL
 from diagrams.assembly.model import Assumed, Model
 from diagrams.assembly.system import System, packaged
 from diagrams.bearing_crossing_models import (
@@ -81,7 +82,7 @@ def declare(scenario: Scenario) -> Model:
         truth_motion=motion,
         signals={name: f"{name}.estimate" for name in scenario.azimuth_filters},
         platforms=("observer",),
-        frame="local",
+        frame=LOCAL,
         rows=model.names,
         map=partial(bound_map, scenario),
     )

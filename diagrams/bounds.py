@@ -17,11 +17,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from diagrams.assembly.build import Assembly
+from diagrams.assembly.frame import EARTH_FIXED, Frame, as_frame
 from diagrams.posterior_bound import bound_steps
 from diagrams.state_errors import NEEDED, QUANTITIES
 from diagrams.states import POSITION, VELOCITY, CarriedMotion, Moves, block, columns, shared, translated
 from systems.estimators.base import Estimator
-from systems.geodetic import up
 from systems.motion.base import MotionModel
 
 __all__ = [
@@ -42,7 +42,10 @@ Mask = NDArray[np.bool_]
 
 
 def bound_squares(
-    covariance: Array, truth: Array, names: Sequence[str] = (*POSITION, *VELOCITY), frame: str = "earth_fixed"
+    covariance: Array,
+    truth: Array,
+    names: Sequence[str] = (*POSITION, *VELOCITY),
+    frame: Frame | str = EARTH_FIXED,
 ) -> Array:
     """Return the squared bounds of every trial.
 
@@ -54,37 +57,35 @@ def bound_squares(
         Broadcasts with it.
     names : sequence of str
         Position is what of x, y, z [m] is there, velocity what of vx, vy, vz [m/s]; ``bias`` [m/s].
-    frame : {'earth_fixed', 'inertial', 'local', 'launch'}
-        Axes of the states; see `diagrams.assembly.model.Model`.
+    frame : Frame, or its name
+        Axes of the states.
 
     Returns
     -------
     ndarray, shape (6, ...)
         In the order of `diagrams.state_errors.QUANTITIES`: trace of the position part [m^2], variance along the
-        ellipsoid's normal [m^2], trace of the velocity part [m^2/s^2], variance of the velocity along the horizontal
-        course [m^2/s^2] and, across it, of the course [deg^2], variance of the bias. NaN for what is not in the
-        state, and for the course of a target at rest. (That the local axes turn with the place, 1e-7 rad/m, is left
-        out of speed and course.)
+        frame's upward direction [m^2], trace of the velocity part [m^2/s^2], variance of the velocity along the
+        horizontal course [m^2/s^2] and, across it, of the course [deg^2], variance of the bias. NaN for what is not in
+        the state, and for the course of a target at rest. (That the local axes turn with the place, 1e-7 rad/m, is
+        left out of speed and course.)
     """
+    axes = as_frame(frame)
+    has = axes.quantities(names)
     placed, moving = shared(POSITION, names), shared(VELOCITY, names)
     undefined = np.full(np.broadcast_shapes(covariance.shape[:-2], truth.shape[:-1]), np.nan)
     position = height = total = ahead = across = biased = undefined
-    normal = None
     if placed:
         place, state = block(covariance, columns(names, placed)), truth[..., columns(names, placed)]
         position = _trace(place)
-        if frame == "local":
-            normal = np.broadcast_to([0.0, 0.0, 1.0], (*state.shape[:-1], 3))
-            height = place[..., placed.index("z"), placed.index("z")] if "z" in placed else undefined
-        elif placed == POSITION:
-            normal = up(state)
-            height = _variance(place, normal)
+        if axes.up is not None and "height" in has:
+            height = _variance(place, axes.up(state))
     if moving:
         own, velocity = block(covariance, columns(names, moving)), truth[..., columns(names, moving)]
         total = _trace(own)
-        if normal is not None and (moving == VELOCITY or (frame == "local" and moving == VELOCITY[:2])):
+        if axes.up is not None and "speed" in has:
+            normal = axes.up(truth[..., columns(names, placed)])
             ahead, across = _level_variances(own, velocity, normal)
-    if "bias" in names:
+    if "bias" in has:
         biased = block(covariance, columns(names, ["bias"]))[..., 0, 0]
     return np.stack(np.broadcast_arrays(position, height, total, ahead, across, biased))
 
@@ -257,7 +258,7 @@ class StudyBounds:
         both = shared(own.names, names)
         places = columns(own.names, both)
         parts = [
-            bound_squares(block(p, places), state[:, k][..., places], both, self.wired.model.frame)
+            bound_squares(block(p, places), state[:, k][..., places], both, self.wired.model.axes)
             for k, p in enumerate(steps)
         ]
         squares = np.stack(parts, axis=1)
@@ -284,12 +285,8 @@ class StudyBounds:
 
         The estimators are in the diagram's order, the epochs are all of the clock.
         """
-        # heights and courses refer to the ellipsoid
-        shown = (
-            {*QUANTITIES} if self.wired.model.frame in ("earth_fixed", "local") else {"position", "velocity", "bias"}
-        )
-        if "bias" not in self._judged:
-            shown.discard("bias")
+        # all that the frame knows, also where this target is in a plane, or at rest
+        shown = {*self.wired.model.axes.quantities((*POSITION, *VELOCITY, *shared(("bias",), self._judged)))}
         found = {}
         names = list(self.wired.estimators)
         for kind in ("bound", "bound_truth"):

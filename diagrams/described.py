@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import xarray as xr
 
+from diagrams.assembly.frame import UNITS, frame_of
+
 __all__ = ["UNKNOWN", "described"]
 
 UNKNOWN = "unknown"
@@ -43,22 +45,14 @@ _ABOUT = {
     "nis_dof": (_COUNT, "degrees of freedom of the normalised innovation squared"),
 }
 
-_QUANTITIES = {
-    "position": ("m", "position"),
-    "height": ("m", "height"),
-    "velocity": ("m/s", "velocity"),
-    "speed": ("m/s", "horizontal speed"),
-    "course": ("deg", "course"),
-    "bias": ("m/s", "bias"),
-}
 _BOUNDS = {
     "bound": "posterior Cramer-Rao bound of the {}, with the filter's process noise",
     "bound_truth": "posterior Cramer-Rao bound of the {}, with the process noise of the true motion",
 }
 _ABOUT |= {
-    f"{kind}_{what}": (unit, words.format(name))
+    f"{kind}_{what}": (unit, words.format("horizontal speed" if what == "speed" else what))
     for kind, words in _BOUNDS.items()
-    for what, (unit, name) in _QUANTITIES.items()
+    for what, unit in UNITS.items()
 }
 
 
@@ -68,7 +62,7 @@ def described(dataset: xr.Dataset) -> xr.Dataset:
     A variable along a dimension of components in different units says so; the coordinate ``DIMENSION_units`` then has
     the unit of each.
     """
-    axes = str(dataset.attrs.get("frame", "")).replace("_", "-")
+    axes = str(frame_of(dataset))
     for name in dataset.variables:
         of = dataset[name]
         units, words = _ABOUT.get(str(name)) or _signal(of)

@@ -84,6 +84,7 @@ def declare_passes(passes: Sequence[Pass], settings: Settings) -> Model:
         parts=[played],
         assume=assume,
         truth_states=POSITION,
+        platforms=("Delfi-C3",),
         recorded=Recorded(report=partial(report, stream=stream, settings=settings), keeps=["covariance"], bounds=True),
     )
 

@@ -23,7 +23,7 @@ from diagrams.dual_satellite_models import (
     start_of,
     target_state,
 )
-from diagrams.dual_satellite_scenario import Scenario
+from diagrams.dual_satellite_scenario import PLATFORMS, Scenario
 from diagrams.dual_signal import Signal
 from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
 from diagrams.parts.movers import Emitter, Platforms, true_motion
@@ -92,7 +92,7 @@ def declare(scenario: Scenario) -> Model:
         assume=assume,
         truth_motion=true_motion(truth.motion),
         truth_states=ConstantVelocity(0.0).names,
-        platforms=("main", "auxiliary"),
+        platforms=PLATFORMS,
         signals={port: port for port in ("quality", "differences_covariance")},
         note=chain.note if chain else "",
         widest=chain.widest if chain else None,

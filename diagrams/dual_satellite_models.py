@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from diagrams import formation
 from diagrams.assembly.map import BoundMap
-from diagrams.dual_satellite_scenario import Scenario, Truth
+from diagrams.dual_satellite_scenario import PLATFORMS, Scenario, Truth
 from diagrams.dual_signal import Signal, SignalChain, predicted_sigmas, waveform_of
 from diagrams.errors import UserError
 from diagrams.maps.ground import Prior, ground_grid, ground_map
@@ -121,7 +121,7 @@ def bound_map(scenario: Scenario) -> BoundMap:
         "direction + TDOA + FDOA": Stack([available[kind] for kind in ("direction", "tdoa", "fdoa")]),
     }
     grid = ground_grid(scenario, count=2)
-    return ground_map(scenario, grid, sets, scenario.belief.acceleration_mps2, Prior())
+    return ground_map(scenario, grid, sets, scenario.belief.acceleration_mps2, Prior(), PLATFORMS)
 
 
 def signal_chain(

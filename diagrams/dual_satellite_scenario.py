@@ -20,7 +20,10 @@ from systems.documented import choice, documented, number
 from systems.estimators.options import EstimatorOptions
 from systems.registry import estimator_options
 
-__all__ = ["Scenario", "Truth"]
+__all__ = ["PLATFORMS", "Scenario", "Truth"]
+
+PLATFORMS = ("main", "auxiliary")
+"""Names of the satellites, in their order in the scenario."""
 
 if TYPE_CHECKING:
     EstimatorChoice = EstimatorOptions

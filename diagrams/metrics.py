@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from diagrams.assembly.frame import UNITS
 from diagrams.consistency import nees_statistics, nis_statistics
 from diagrams.json_numbers import json_numbers
 from diagrams.state_errors import BOUNDS, QUANTITIES, axis_errors, errors
@@ -34,7 +35,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-_UNITS = dict(zip(QUANTITIES, ("m", "m", "mps", "mps", "deg", "mps"), strict=True))
+_UNITS = {what: unit.replace("/", "p") for what, unit in UNITS.items()}
 _HUGE = 1e150  # stands for infinity while percentiles are interpolated; its square is still finite
 
 

@@ -17,7 +17,7 @@ from diagrams.assembly.find import Found
 from diagrams.assembly.lineup import estimator_key
 from diagrams.assembly.system import System
 from diagrams.bounds import alike, rows_present
-from diagrams.directions import direction_axes, named_components
+from diagrams.directions import named_components
 from diagrams.errors import UserError, texts
 from diagrams.json_numbers import json_numbers
 from diagrams.states import POSITION, VELOCITY, shared, translated
@@ -58,7 +58,11 @@ class Observability:
         Over the epochs: the generalised eigenvalues of the information against the inverse of P0, as standard
         deviations in terms of the prior's.
     sight : ndarray, shape (n,)
-        The line of sight from the first carrier at the first epoch, in the position's components, else NaN.
+        The line of sight from the first platform at the first epoch, in the position's components, else NaN.
+    platform : str
+        That platform's name.
+    ranged : bool
+        Whether components are told along and across that line.
     """
 
     estimators: list[str]
@@ -69,6 +73,8 @@ class Observability:
     units: list[str]
     spectrum: Spectrum
     sight: Array
+    platform: str
+    ranged: bool
 
     @property
     def observable_from(self) -> float:
@@ -111,7 +117,7 @@ class Observability:
         if "range" not in self.components and length > _SMALL * widest:
             along = float(place @ np.nan_to_num(self.sight)) ** 2 / length
             if along > _IN_SIGHT:
-                words += f" (position: along the line of sight, {100 * along:.0f} %)"
+                words += f" (position: along the line of sight from {self.platform}, {100 * along:.0f} %)"
         return words
 
     def verdict(self) -> str:
@@ -143,6 +149,7 @@ class Observability:
             "estimators": self.estimators,
             "rows": self.rows,
             "components": self.components,
+            "ranges_from": self.platform if self.ranged else None,
             "prior_sigma": json_numbers(self.prior_sigma),
             "units": self.units,
             "rank": s.rank.tolist(),
@@ -324,10 +331,22 @@ def _one(
     moving = [motion.names.index(name) for name in shared(VELOCITY, motion.names)]
     place, carrier = truth[0, 0, placed], platforms[0, 0, 0]
     velocity = truth[0, 0, moving] if len(moving) == len(placed) else np.zeros(len(placed))
-    words, rotation = direction_axes(place, velocity, carrier, wired.model.frame)
-    labels, turned = named_components(motion.names, words, rotation)
+    told = wired.model.axes.directions(place, velocity, carrier)
+    rotation = told.rotation
+    labels, turned = named_components(motion.names, told.names, rotation)
     sight = np.full(motion.size, np.nan)
     away = place - carrier[: len(placed)]
     sight[placed] = rotation @ (away / max(float(np.linalg.norm(away)), np.finfo(float).tiny))
     found = spectrum(roots)
-    return Observability(names, list(model.names), times, labels, turned @ prior, list(motion.units), found, sight)
+    return Observability(
+        names,
+        list(model.names),
+        times,
+        labels,
+        turned @ prior,
+        list(motion.units),
+        found,
+        sight,
+        wired.platform_names[0],
+        told.sighted,
+    )

@@ -26,7 +26,8 @@ def print_observability(found: Sequence[Observability], title: str) -> None:
                 *("time [s]", "rank", "better than prior", "condition"),
                 *(Column("worst direction"), "its sigma", "variance left"),
             ],
-            caption=f"rows {', '.join(one.rows)}; the prior's sigmas: {_counted(one)}",
+            caption=f"rows {', '.join(one.rows)}; the prior's sigmas: {_counted(one)}"
+            + (f"; ranges are from {one.platform}" if one.ranged else ""),
         )
         for k in _telling(s):
             worst = s.sigma[k, -1]

@@ -103,7 +103,7 @@ def _illustrate(dataset: xr.Dataset, study: Any, folder: Path) -> None:
 
     study_figures(dataset, folder)
     header = f"{study.request.system}: {study.request.trials} trials"
-    draw(study.picture, folder / "diagram.svg", dashed=study.probe.dashed, header=header)
+    draw(study.picture, folder / "diagram.svg", dashed=study.probe.dashed, header=header, contents=study.probe.contents)
 
 
 def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
@@ -165,7 +165,8 @@ def draw_command(
     settings = with_data(found, settings, data)
     with written_beside(path) as beside:
         study = Study(found, scenario=scenario, estimators=estimators, set=settings, trials=1)
-        draw(study.picture, beside, dashed=study.probe.dashed, header=system)
+        wired = study.probe
+        draw(study.picture, beside, dashed=wired.dashed, header=system, contents=wired.contents)
     print(f"{'replaced' if existed else 'wrote'} {path}")
 
 

@@ -12,6 +12,7 @@ from functools import cache, partial
 import numpy as np
 
 from diagrams.assembly.bus import Bus
+from diagrams.assembly.frame import INERTIAL
 from diagrams.assembly.model import Assumed, Model
 from diagrams.assembly.system import System, packaged
 from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
@@ -99,7 +100,7 @@ def declare(scenario: Scenario) -> Model:
         truth_motion=OrbitalMotion(constants, real.j2),
         signals={port: f"ranging.{port}" for port in ("ranges", "range_sigmas")},
         platforms=("observer",),
-        frame="inertial",
+        frame=INERTIAL,
         # a tenth of the initial error, as in (61): of its expectation, so that all estimators are held to the same
         convergence=0.1 * math.sqrt(np.trace(covariance[:3, :3])),
         # a recorded target has no elements to map over

@@ -42,10 +42,11 @@ def _reason(dataset: xr.Dataset, never: Any) -> str:
     platforms = dataset["platforms"]
     places = platforms.isel(trial=np.flatnonzero(never)) if "trial" in platforms.dims else platforms
     position = places.transpose(..., "platform", "coordinate").values[..., :3]
-    for i, j in combinations(range(position.shape[-2]), 2):
+    names = [str(name) for name in places["platform"].values]
+    for i, j in combinations(range(len(names)), 2):
         apart = np.linalg.norm(position[..., i, :] - position[..., j, :], axis=-1)
         if np.all(apart < _ONE_PLACE):
-            return f"platforms {i} and {j} are in one place"
+            return f"platforms {names[i]} and {names[j]} are in one place"
     if "measured_rows" in dataset.coords:
         most = dataset["measured_rows"].values[never]
         if most.max() == 0:

@@ -10,15 +10,15 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from diagrams.assembly.frame import UNITS, frame_of
 from diagrams.states import POSITION, VELOCITY
 from systems.angle_wrapping import wrap
-from systems.geodetic import course_speed, ecef_to_geodetic
 
 __all__ = ["BOUNDS", "NEEDED", "QUANTITIES", "axis_errors", "errors", "scored"]
 
 Array = NDArray[np.float64]
 
-QUANTITIES = ("position", "height", "velocity", "speed", "course", "bias")
+QUANTITIES = tuple(UNITS)
 """What errors and bounds are about: position and height [m], velocity and horizontal speed [m/s], course [deg], and
 bias [m/s] where it is in the state."""
 
@@ -101,11 +101,10 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
     """
     states = [str(name) for name in dataset["state"].values]
     true = set(states) if "in_truth" not in dataset.coords else {*dataset["state"].values[dataset["in_truth"].values]}
+    frame = frame_of(dataset)
+    has = frame.quantities(true)
     place = [states.index(name) for name in POSITION if name in true]
     own = scored(dataset).values[:, None, None, :]
-    frame = dataset.attrs.get("frame", "earth_fixed")
-    local = frame == "local"
-    grounded = local or frame == "earth_fixed"
     moving = [states.index(name) for name in VELOCITY if name in true]
     dims = ("estimator", "trial", "time")
     estimate = dataset["estimate"].transpose(*dims, "state").values
@@ -129,25 +128,17 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
         if moving:
             moved, true_moved = usable[..., moving], truth.values[..., moving]
             found["velocity"] = judged(np.linalg.norm(moved - true_moved, axis=-1), moving)
-        if grounded and len(place) == 3:
-            high = (here - there)[..., 2] if local else ecef_to_geodetic(here)[2] - ecef_to_geodetic(there)[2]
-            found["height"] = judged(high, place)
-        if grounded and (len(moving) > 1 if local else len(place) == len(moving) == 3):
+        if frame.height is not None and "height" in has:
+            found["height"] = judged(frame.height(here) - frame.height(there), place)
+        if frame.course_and_speed is not None and "speed" in has:
             both = [*place, *moving]
-            course, speed = _course_speed(here, moved, local)
-            true_course, true_speed = _course_speed(there, true_moved, local)
+            course, speed = frame.course_and_speed(here, moved)
+            true_course, true_speed = frame.course_and_speed(there, true_moved)
             found["speed"] = judged(speed - true_speed, both)
             turned = judged(np.degrees(wrap(course - true_course)), both)[1]
             found["course"] = dims, np.where(np.minimum(speed, true_speed) < _AT_REST, np.nan, turned)
-        if "bias" in true:
+        if "bias" in has:
             column = [states.index("bias")]
             found["bias"] = judged((usable - known)[..., column[0]], column)
     names = {name: dataset[name] for name in dims if name in dataset.coords}
     return xr.Dataset(found, coords=names)
-
-
-def _course_speed(place: Array, velocity: Array, local: bool) -> tuple[Array, Array]:
-    """Return course clockwise from north [rad] and horizontal speed [m/s]."""
-    if local:
-        return np.arctan2(velocity[..., 0], velocity[..., 1]), np.hypot(velocity[..., 0], velocity[..., 1])
-    return course_speed(place, velocity)[:2]

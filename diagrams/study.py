@@ -377,7 +377,7 @@ class Study:
             "keep": request.keep,
             "every": request.every,
             "version": _version(),
-            "frame": wired.model.frame,
+            "frame": wired.model.axes.name,
             "note": wired.note,
             "divergence_m": wired.model.divergence,
             "scenario": dump(request.scenario, comments=False),

@@ -27,7 +27,7 @@ from diagrams.three_satellite_models import (
     sensor_stack,
     target_state,
 )
-from diagrams.three_satellite_scenario import Scenario
+from diagrams.three_satellite_scenario import PLATFORMS, Scenario
 from systems.clocks import Periodic
 from systems.estimators.known_height_start import KnownHeightStart
 from systems.estimators.options import EstimatorOptions
@@ -92,7 +92,7 @@ def declare(scenario: Scenario) -> Model:
         assume=assume,
         truth_motion=true_motion(truth.motion),
         truth_states=ConstantVelocity(0.0).names,
-        platforms=("satellite_0", "satellite_1", "satellite_2"),
+        platforms=PLATFORMS,
         signals={"integers": "phase_resolver.integers"},
         rows=stack.names,
         map=partial(bound_map, scenario),

@@ -14,7 +14,7 @@ from diagrams.assembly.map import BoundMap
 from diagrams.errors import UserError, choose
 from diagrams.ground import beside_track
 from diagrams.maps.ground import Prior, ground_grid, ground_map
-from diagrams.three_satellite_scenario import Scenario
+from diagrams.three_satellite_scenario import PLATFORMS, Scenario
 from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.phase_resolver import PhaseResolver
@@ -183,7 +183,7 @@ def bound_map(
         for name, kinds in chosen.items()
     }
     grid = ground_grid(scenario, spacing_km, extent_km)
-    return ground_map(scenario, grid, stacks, scenario.belief.acceleration_mps2, prior or Prior())
+    return ground_map(scenario, grid, stacks, scenario.belief.acceleration_mps2, prior or Prior(), PLATFORMS)
 
 
 def sensor_stack(scenario: Scenario, real: Mapping[str, Any]) -> Stack:

@@ -19,7 +19,10 @@ from systems.documented import choice, documented, number
 from systems.estimators.options import EstimatorOptions
 from systems.registry import estimator_options
 
-__all__ = ["Scenario"]
+__all__ = ["PLATFORMS", "Scenario"]
+
+PLATFORMS = ("satellite_0", "satellite_1", "satellite_2")
+"""Names of the satellites, in their order in the scenario."""
 
 if TYPE_CHECKING:
     EstimatorChoice = EstimatorOptions

@@ -121,6 +121,16 @@ class Assembly:
         return None if self.model.rows is None else list(self.model.rows)
 
     @property
+    def contents(self) -> dict[str, list[str]]:
+        """Names of the platforms and of the rows that are measured, by the block that they come from, for a drawing."""
+        ports = [port for port in self.bus.ports("measurement") if isinstance(port.get_system(), EnsembleBlock)]
+        rows = {
+            port.get_system().get_name(): [row.name for row in port.get_system().components(port.get_name())]
+            for port in ports
+        }
+        return rows | {self.platforms.get_system().get_name(): list(self.platform_names)}
+
+    @property
     def row_units(self) -> dict[str, str]:
         """SI units of the rows that are measured, by their names, as far as a block says them."""
         blocks = [(port.get_system(), port.get_name()) for port in self.bus.ports("measurement")]

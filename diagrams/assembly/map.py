@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from diagrams.assembly.frame import EARTH_FIXED, Frame
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 
@@ -67,16 +68,20 @@ class BoundMap:
         Curves to draw, vertical and horizontal coordinate.
     track_labels : sequence of str
         What they are; the same word twice is one entry.
+    track_names : sequence of str
+        Names of the curves, to be written beside them, where they have names.
     points : ndarray, shape (k, 2)
         Places to mark, stations say.
     points_label : str
+    point_names : sequence of str
+        Names of the places, where they have names.
     first_epoch_used : bool
         Whether the first epoch's measurement is in the prior already.
     present : ndarray of bool, shape (points, time, m), optional
         Which rows are measured.
     quantities : tuple of str
         Of `diagrams.state_errors.QUANTITIES`.
-    frame
+    frame : Frame, or its name
         See `diagrams.assembly.model.Model`.
     equal : bool
         Whether both axes are lengths, to be drawn at the same scale.
@@ -97,12 +102,14 @@ class BoundMap:
     stated: Mapping[str, str]
     track: Array = field(default_factory=lambda: np.empty((0, 0, 2)))
     track_labels: tuple[str, ...] = ()
+    track_names: tuple[str, ...] = ()
     points: Array = field(default_factory=lambda: np.empty((0, 2)))
     points_label: str = ""
+    point_names: tuple[str, ...] = ()
     first_epoch_used: bool = False
     present: Mask | None = None
     quantities: tuple[str, ...] = ("position", "height")
-    frame: str = "earth_fixed"
+    frame: Frame | str = EARTH_FIXED
     equal: bool = True
     judged: Sequence[str] | None = None
     report: Callable[[xr.Dataset], None] | None = None

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from diagrams.assembly.bus import Bus
+from diagrams.assembly.frame import EARTH_FIXED, Frame, as_frame
 from diagrams.assembly.map import BoundMap, View
 from diagrams.assembly.recorded import Recorded
 from systems.clocks import Clock
@@ -87,9 +88,8 @@ class Model:
         then NaN.
     platforms : sequence of str, optional
         Names of what carries the sensors, in the order of the signal ``platforms``; by default ``platform_0`` ...
-    frame : {'earth_fixed', 'inertial', 'local', 'launch'}
-        Axes of states and platforms; heights and courses mean nothing in inertial and launch ones. ``local``: east,
-        north and, where there is a third axis, up, on a flat Earth.
+    frame : Frame, or its name
+        Axes of states and platforms, of `diagrams.assembly.frame.FRAMES`; `axes` is the frame itself.
     truth_states : sequence of str, optional
         Names of the components on ``truth``; by default those of `truth_motion` or of the target's own motion model.
     signals : mapping of str to str
@@ -119,7 +119,7 @@ class Model:
     assume: Callable[[Bus, str, Any], Assumed]
     truth_motion: MotionModel | None = None
     platforms: Sequence[str] | None = None
-    frame: str = "earth_fixed"
+    frame: Frame | str = EARTH_FIXED
     truth_states: Sequence[str] | None = None
     signals: Mapping[str, str] = field(default_factory=dict)
     rows: Sequence[str] | None = None
@@ -129,3 +129,18 @@ class Model:
     recorded: Recorded | None = None
     map: Callable[[], BoundMap] | None = None
     view: View | None = None
+
+    def __post_init__(self) -> None:
+        """Check the frame.
+
+        Raises
+        ------
+        UserError
+            If it is none.
+        """
+        as_frame(self.frame)
+
+    @property
+    def axes(self) -> Frame:
+        """The frame."""
+        return as_frame(self.frame)

@@ -9,7 +9,7 @@ import xarray as xr
 from diagrams.figures.consistency import draw_consistency
 from diagrams.figures.convergence import draw_convergence
 from diagrams.figures.errors import draw_error, draw_percentiles
-from diagrams.figures.ground import draw_ground
+from diagrams.figures.ground import draw_ground, has_ground
 from diagrams.figures.particles import draw_particle_health, particle_filters
 from diagrams.figures.style import save
 from diagrams.metrics import rmse
@@ -47,7 +47,7 @@ def study_figures(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
     for kind in ("nees", "nis"):
         if dataset[kind].notnull().any():
             written.append(save(draw_consistency(dataset, kind), target / f"{kind}.png"))
-    if dataset.attrs.get("frame") != "inertial":
+    if has_ground(dataset):
         written.append(save(draw_ground(dataset), target / "ground.png"))
     if particle_filters(dataset):
         written.append(save(draw_particle_health(dataset), target / "particles.png"))

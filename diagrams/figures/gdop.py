@@ -13,6 +13,7 @@ import xarray as xr
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from diagrams.figures.labels import name_places
 from diagrams.figures.style import new_figure, save
 
 __all__ = ["draw_gdop"]
@@ -24,6 +25,7 @@ def _series(steps: Sequence[float]) -> np.ndarray:
 
 _LEVELS = _series([1.0, 1.5, 2.0, 3.0, 5.0, 7.0])
 _FINE = _series([1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0, 9.0])
+_TRACK, _POINT = "#d55e00", "#a0407c"
 _WIDEST = 115  # characters of a title
 _FEW, _MOST = 7, 16  # levels on a map: with fewer finer ones, with more every other one
 _TITLES = {"position": "position error (root of the trace)", "height": "height error", "velocity": "velocity error"}
@@ -59,7 +61,8 @@ def _draw(dataset: xr.Dataset, index: int, quantity: str) -> Figure:
     figure, axes = new_figure(height=float(np.clip(10.5 * tall, 5.5, 10.5)))
     values = dataset[quantity].isel(set=index).transpose(attributes["vertical"], attributes["horizontal"]).values
     finite = values[np.isfinite(values)]
-    unit = "m/s" if quantity == "velocity" else "km" if finite.size == 0 or np.median(finite) >= 300 else "m"
+    unit = dataset[quantity].attrs["units"]
+    unit = "km" if unit == "m" and (finite.size == 0 or np.median(finite) >= 300) else unit
     values = values / (1e3 if unit == "km" else 1.0)
     levels = _levels(values)
     filled = axes.contourf(
@@ -92,7 +95,18 @@ def _draw(dataset: xr.Dataset, index: int, quantity: str) -> Figure:
         f"target: {attributes['target']}",
     ]
     axes.set_title("\n".join(fill(line, _WIDEST) for line in lines), fontsize=12)
+    _name(figure, axes, dataset)
     return figure
+
+
+def _name(figure: Figure, axes: Any, dataset: xr.Dataset) -> None:
+    """Write the names of curves, at half time, and places, where they have names."""
+    tracks, points = dataset["track"].values, dataset["point"].values
+    for names, places, color in (("curve", tracks[len(tracks) // 2 :][:1], _TRACK), ("mark", points[None], _POINT)):
+        texts = dataset[names].values
+        if texts.dtype.kind == "U" and texts.size:
+            at = dict(zip(map(str, texts), places[0][:, ::-1], strict=True))
+            name_places(figure, axes, at, color)
 
 
 def _levels(values: np.ndarray) -> np.ndarray:
@@ -115,37 +129,30 @@ def _between(levels: np.ndarray, least: float, most: float) -> np.ndarray:
 
 
 def _draw_tracks(figure: Figure, axes: Any, dataset: xr.Dataset) -> None:
-    tracks = list(np.moveaxis(dataset["track"].values, 1, 0))
-    shown = [(i, track) for i, track in enumerate(tracks) if _on_the_map(track, dataset)]
-    for i, track in shown:
-        label = dataset.attrs["track_labels"][i]
-        first = "filled: the first" if len(tracks) > 1 else ""
-        if np.ptp(track, axis=0).any():
+    named: set[str] = set()
+
+    def once(label: str) -> str | None:
+        first = label not in named
+        named.add(label)
+        return label if first else None
+
+    for track, label in zip(np.moveaxis(dataset["track"].values, 1, 0), dataset.attrs["track_labels"], strict=True):
+        if not _on_the_map(track, dataset):
+            continue
+        moves = np.ptp(track, axis=0).max() > 0
+        if moves:
             axes.plot(track[:, 1], track[:, 0], color="white", linewidth=4)
-            axes.plot(track[:, 1], track[:, 0], color="#d55e00", linewidth=1.8, label=label)
-            label = "at half time"
-        middle = track[len(track) // 2]
-        axes.plot(
-            middle[1],
-            middle[0],
-            "^",
-            color="#d55e00",
-            markeredgecolor="white" if i == 0 else "#d55e00",
-            markersize=10,
-            label=f"{label} ({first})" if first else label,
-            fillstyle="full" if i == 0 else "none",
-        )
+            axes.plot(track[:, 1], track[:, 0], color=_TRACK, linewidth=1.8, label=once(label))
+        shown = once("at half time" if moves else label)
+        place = track[len(track) // 2]
+        axes.plot(place[1], place[0], "^", color=_TRACK, markeredgecolor="white", markersize=10, label=shown)
     points = dataset["point"].values
     if points.size:
         label = dataset.attrs["points_label"]
-        axes.plot(points[:, 1], points[:, 0], "s", color="#cc79a7", markeredgecolor="white", label=label, markersize=9)
-    handles, labels = axes.get_legend_handles_labels()
-    if labels:
-        once: dict[str, Any] = {}
-        for label, handle in zip(labels, handles, strict=True):
-            once.setdefault(label, handle)
+        axes.plot(points[:, 1], points[:, 0], "s", color=_POINT, markeredgecolor="white", label=label, markersize=9)
+    if axes.get_legend_handles_labels()[1]:
         # beside the map, which it would hide
-        figure.legend(once.values(), once, loc="outside lower center", ncols=3, frameon=False)
+        figure.legend(loc="outside lower center", ncols=3, frameon=False)
 
 
 def _on_the_map(track: np.ndarray, dataset: xr.Dataset) -> bool:

@@ -78,8 +78,9 @@ def draw_observability(one: Mapping[str, Any], time_s: Sequence[float], title: s
     below.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=10, frameon=False)
     if time.size > 1:
         below.set_xlim(time[0], time[-1])
+    ranged = f"; ranges are from {one['ranges_from']}" if one["ranges_from"] else ""
     lines = [_short(title, one["estimators"]), f"state at the start from {_short('', one['rows'])}"]
-    figure.suptitle("\n".join([*lines, "alone: no prior, no process noise"]), fontsize=13)
+    figure.suptitle("\n".join([*lines, f"alone: no prior, no process noise{ranged}"]), fontsize=13)
     return figure
 
 

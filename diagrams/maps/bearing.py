@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from diagrams.assembly.frame import LOCAL
 from diagrams.assembly.map import BoundMap, Plane
 from systems.estimators.bearing_start import BearingStart
 from systems.measurement.bearing import Bearing
@@ -83,5 +84,5 @@ def bearing_map(
         track_labels=("path of the observer",),
         first_epoch_used=True,
         quantities=("position",) if axes == 2 else ("position", "height"),
-        frame="local",
+        frame=LOCAL,
     )

@@ -6,12 +6,14 @@ noise and prior, so they are stated with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from diagrams.assembly.frame import UNITS
 from diagrams.assembly.map import BoundMap
 from diagrams.bounds import bound_squares
 from diagrams.posterior_bound import bound_steps
@@ -72,7 +74,7 @@ def map_bounds(of: BoundMap, progress: bool = False) -> xr.Dataset:
             bounds[:, i, of.seen] = np.sqrt(squares)
     made = {quantity: (("set", *names), values) for quantity, values in zip(of.quantities, bounds, strict=True)}
     along = "time" if of.track.shape[0] == epochs else "step"
-    return xr.Dataset(
+    dataset = xr.Dataset(
         {
             **made,
             "track": ((along, "curve", "axis"), of.track),
@@ -83,6 +85,8 @@ def map_bounds(of: BoundMap, progress: bool = False) -> xr.Dataset:
             names[0]: of.plane.values[0],
             names[1]: of.plane.values[1],
             "axis": list(names),
+            "curve": _or_numbers(of.track_names, of.track.shape[1]),
+            "mark": _or_numbers(of.point_names, len(of.points)),
             **({"time": of.times} if along == "time" else {}),
         },
         attrs={
@@ -98,6 +102,32 @@ def map_bounds(of: BoundMap, progress: bool = False) -> xr.Dataset:
             **of.stated,
         },
     )
+    return _described(dataset, of)
+
+
+def _or_numbers(names: Sequence[str], size: int) -> list[Any]:
+    return list(names) if len(names) == size else list(range(size))
+
+
+def _described(dataset: xr.Dataset, of: BoundMap) -> xr.Dataset:
+    """Return a map whose variables and coordinates all have ``units`` and ``long_name``."""
+    about = {
+        "set": ("1", "what is measured"),
+        "axis": ("1", "axis of the map"),
+        "curve": ("1", "name of a curve"),
+        "mark": ("1", "name of a place"),
+        "time": ("s", "time since the start of the run"),
+        "track": ("as the axes of the map", "curves on the map"),
+        "point": ("as the axes of the map", "places on the map"),
+    }
+    about |= {what: (UNITS[what], f"bound of the {what}") for what in of.quantities}
+    for name, label in zip(of.plane.names, of.plane.labels, strict=True):
+        words, _, unit = label.partition(" [")
+        about[name] = (unit.rstrip("]") or "1", words)
+    for variable in dataset.variables:
+        units, words = about[str(variable)]
+        dataset[variable].attrs |= {"units": units, "long_name": words}
+    return dataset
 
 
 def _counting(bar: Progress, before: int) -> Callable[[int], None]:

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from diagrams.assembly.frame import Frame, as_frame
 from diagrams.errors import UserError
 from diagrams.states import POSITION, columns
 from systems.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
@@ -18,17 +19,11 @@ __all__ = ["Chart", "Flat", "Shell", "Upright", "chart_of", "moved_to"]
 
 Array = NDArray[np.float64]
 
-_FLAT = {
-    "local": (("north", "east"), ("y, north [km]", "x, east [km]")),
-    "launch": (("up", "down_range"), ("Y, up at the site [km]", "X, down-range [km]")),
-}
 _TARGET = "the scenario's target"
-_EARTH = (("north", "east"), (f"north of {_TARGET} [km]", "east of it [km]"))
 _UPRIGHT = {
     "east_up": (("up", "east"), ("height [km]", "east of the middle [km]"), 1),
     "north_up": (("up", "north"), ("height [km]", "north of the middle [km]"), 0),
 }
-_ORBIT = (("across", "along"), ("across the target's orbit, left positive [km]", "along it [km]"))
 _VECTORS = ("", "v", "a")  # what stands before x, y, z in the names of the components of position, velocity ...
 
 
@@ -235,12 +230,12 @@ def _lifted(courses: Array, names: Sequence[str], by: ArrayLike, earth_fixed: bo
     return found
 
 
-def moved_to(frame: str, course: Array, names: Sequence[str], centre: Array | None, height: float | None) -> Array:
+def moved_to(frame: Frame, course: Array, names: Sequence[str], centre: Array | None, height: float | None) -> Array:
     """Return a course that starts over or below a place, and at a height.
 
     Parameters
     ----------
-    frame : {'local', 'earth_fixed', 'inertial'}
+    frame : Frame
     course : ndarray, shape (time, n)
         Of components `names`; it is carried along as a rigid whole.
     names : sequence of str
@@ -256,7 +251,7 @@ def moved_to(frame: str, course: Array, names: Sequence[str], centre: Array | No
     """
     if (centre is not None or height is not None) and not set(POSITION) <= set(names):
         raise UserError(f"map: a target of {', '.join(names)} cannot be moved; {', '.join(POSITION)} are needed")
-    if centre is not None and frame == "earth_fixed":
+    if centre is not None and frame.geodetic:
         place = course[0, columns(names, POSITION)]
         here, there = ecef_to_geodetic(place), ecef_to_geodetic(centre)
         turn = enu_rotation(*there[:2]).T @ enu_rotation(*here[:2])
@@ -264,22 +259,24 @@ def moved_to(frame: str, course: Array, names: Sequence[str], centre: Array | No
     elif centre is not None:
         chart = chart_of(frame, course, names)
         course = chart.moved(course, names, chart.coordinates(centre))
-    if height is not None:
-        start = course[0, columns(names, POSITION)]
-        now = ecef_to_geodetic(start)[2] if frame == "earth_fixed" else start[2]
-        course = _lifted(course, names, height - now, frame == "earth_fixed")
+    if height is not None and frame.height is not None:
+        now = frame.height(course[0, columns(names, POSITION)])
+        course = _lifted(course, names, height - now, frame.geodetic)
     return course
 
 
 def chart_of(
-    frame: str, course: Array, names: Sequence[str], plane: str = "level", middle: str = "the scenario's target"
+    frame: Frame | str,
+    course: Array,
+    names: Sequence[str],
+    plane: str = "level",
+    middle: str = _TARGET,
 ) -> Chart:
     """Return the plane over which a target may be moved about.
 
     Parameters
     ----------
-    frame
-        See `diagrams.assembly.model.Model`.
+    frame : Frame, or its name
     course : ndarray, shape (time, n)
         The target of the scenario.
     names : sequence of str
@@ -294,27 +291,29 @@ def chart_of(
     UserError
         If the target's place has too few components.
     """
-    needed = ("x", "y") if frame in _FLAT else POSITION
+    frame = as_frame(frame)
+    needed = POSITION[:2] if frame.flat else POSITION
     if not set(needed) <= set(names):
         raise UserError(f"gdop: a target of {', '.join(names)} cannot be moved about; {', '.join(needed)} are needed")
     if plane != "level":
-        if frame not in ("local", "earth_fixed") or not set(POSITION) <= set(names):
-            raise UserError(f"map: plane {plane} is not allowed in frame {frame} of {', '.join(names)}; level")
+        if frame.height is None or not set(POSITION) <= set(names):
+            raise UserError(f"map: plane {plane} is not allowed in frame {frame.name} of {', '.join(names)}; level")
         return Upright(_level(frame, course, names, middle), course[0, columns(names, POSITION)], plane)
     return _level(frame, course, names, middle)
 
 
-def _level(frame: str, course: Array, names: Sequence[str], middle: str) -> Flat | Shell:
-    if frame in _FLAT:
-        return Flat(*_FLAT[frame], course[0, columns(names, ("y", "x"))])
+def _level(frame: Frame, course: Array, names: Sequence[str], middle: str) -> Flat | Shell:
+    if frame.flat:
+        return Flat(frame.map_names, frame.map_labels, course[0, columns(names, ("y", "x"))])
     place = course[0, columns(names, POSITION)]
     radial = place / np.linalg.norm(place)
-    if frame == "earth_fixed":
-        across, words, ahead = np.array([0.0, 0.0, 1.0]), _EARTH, None
+    if frame.geodetic:
+        across = np.array([0.0, 0.0, 1.0])
     else:
         ahead = course[min(1, len(course) - 1), columns(names, POSITION)] - place
-        across, words = np.cross(place, ahead), _ORBIT
+        across = np.cross(place, ahead)
     across = across - radial * (radial @ across)
     across /= np.linalg.norm(across)
-    labels = words[1][0].replace(_TARGET, middle), words[1][1]
-    return Shell(words[0], labels, place, np.stack([across, np.cross(across, radial)]), frame == "earth_fixed")
+    above, beside = frame.map_labels
+    labels = above.replace(_TARGET, middle), beside
+    return Shell(frame.map_names, labels, place, np.stack([across, np.cross(across, radial)]), frame.geodetic)

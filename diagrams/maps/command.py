@@ -79,7 +79,7 @@ def print_map(dataset: xr.Dataset) -> None:
         for quantity in attributes["quantities"]:
             values = dataset[quantity].sel(set=name).values
             values = values[np.isfinite(values)]
-            unit = "m" if quantity in ("position", "height") else "m/s"
+            unit = dataset[quantity].attrs["units"]
             cells = [f"{q:.4g}" for q in np.percentile(values, [0, 10, 50, 90, 100])] if values.size else ["-"] * 5
             table.add(str(name), f"{quantity} [{unit}]", str(values.size), *cells)
     print_table(table)

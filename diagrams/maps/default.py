@@ -22,7 +22,6 @@ from diagrams.bounds import alike, rows_present
 from diagrams.errors import UserError
 from diagrams.maps.charts import chart_of, moved_to
 from diagrams.maps.sides import sides_of
-from diagrams.state_errors import NEEDED
 from diagrams.states import POSITION, VELOCITY, columns, shared, translated
 from systems.estimators.base import Estimator
 from systems.recorder import record
@@ -39,6 +38,7 @@ _TARGET = "the scenario's target"
 _CLOSEST = 1e-3  # of half a side; a target that comes nearer to a platform is not mapped
 _ALIKE = 0.01  # relative difference of standard deviations that count as one
 _CURVES = 20  # paths of platforms drawn
+_MAPPED = ("position", "height", "velocity")
 
 
 def default_maps(model: Model, options: Mapping[str, Any], points: int | None = None) -> list[BoundMap]:
@@ -60,7 +60,7 @@ def default_maps(model: Model, options: Mapping[str, Any], points: int | None = 
     builder = DiagramBuilder()
     assembly = build(model, builder, options, 1)
     sensors = [block for block in builder.GetSystems() if isinstance(block, Sensor)]
-    names, frame = assembly.truth_names, model.frame
+    names, frame = assembly.truth_names, model.axes
     times, course, platforms = recorded_course(model)
     view, at = model.view or View(), columns(names, shared(POSITION, names))
     start, course = course[0, at], moved_to(frame, course, names, view.centre, view.height)
@@ -90,11 +90,12 @@ def default_maps(model: Model, options: Mapping[str, Any], points: int | None = 
                 stated=_stated(members, block, own[:1, 0], times, prior, masked, view),
                 track=chart.coordinates(platforms[0, :, :_CURVES, :3]) / _KM,
                 track_labels=("platforms",) * min(platforms.shape[2], _CURVES),
+                track_names=assembly.platform_names[:_CURVES],
                 points=chart.coordinates(start)[None] / _KM,
                 points_label=f"{_TARGET} at the start",
                 first_epoch_used=spent,
                 present=None if present.all() else present[heard],
-                quantities=_quantities(judged, frame),
+                quantities=tuple(what for what in _MAPPED if what in frame.quantities(judged)),
                 frame=frame,
                 equal=view.plane == "level",
                 judged=judged,
@@ -166,12 +167,6 @@ def _sets(assembly: Assembly, truth: Array, platforms: Array) -> list[tuple[list
     if not found:
         raise UserError("gdop: of no estimator's start can be said what it knows, so that there is no bound")
     return found
-
-
-def _quantities(judged: Sequence[str], frame: str) -> tuple[str, ...]:
-    heights = frame in ("earth_fixed", "local") and "z" in judged
-    has = {"position": True, "height": heights, "velocity": bool(shared(NEEDED["velocity"], judged))}
-    return tuple(quantity for quantity, there in has.items() if there)
 
 
 # -------------------------------------------------------------------------------------------------- in words

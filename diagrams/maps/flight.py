@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from diagrams.assembly.frame import LAUNCH
 from diagrams.assembly.map import BoundMap, Plane
 from systems.clocks import Periodic
 from systems.measurement.range_rate import RangeRate
@@ -27,6 +30,7 @@ def flight_map(
     flown: Array,
     site: LaunchSite,
     stations: Array,
+    names: Sequence[str],
     clock: Periodic,
     model: RangeRate,
     motion: MotionModel,
@@ -47,6 +51,8 @@ def flight_map(
         Position, velocity and acceleration along the flight.
     site : LaunchSite
     stations : ndarray, shape (p, 3)
+    names : sequence of str
+        Of the stations.
     clock : Periodic
         Of the measurements, from zero on.
     model : RangeRate
@@ -97,9 +103,10 @@ def flight_map(
         track_labels=("the flight",),
         points=stations[:, 1::-1] / _KM,
         points_label="stations, whatever their place across",
+        point_names=tuple(names),
         present=None if mask is None else mask.visible(truth[seen], platforms),
         quantities=("position", "velocity"),
-        frame="launch",
+        frame=LAUNCH,
     )
 
 

@@ -6,7 +6,7 @@ nor the prior; the map depends on both, so they are stated with every map.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -126,7 +126,12 @@ def ground_grid(scenario: Airborne, spacing_km: float = 100.0, extent_km: float 
 
 
 def ground_map(
-    scenario: Airborne, grid: Grid, sets: Mapping[str, MeasurementModel], acceleration: float, prior: Prior
+    scenario: Airborne,
+    grid: Grid,
+    sets: Mapping[str, MeasurementModel],
+    acceleration: float,
+    prior: Prior,
+    platforms: Sequence[str],
 ) -> BoundMap:
     """Return the map of targets over the ground under satellites.
 
@@ -142,12 +147,14 @@ def ground_map(
         Process noise of the filter's model of constant velocity [m/s^2].
     prior : Prior
         What is known before the first measurement, which is then used like all others.
+    platforms : sequence of str
+        Names of the satellites.
     """
     truth = scenario.truth
     return BoundMap(
         plane=Plane(
             ("along", "cross"),
-            ("along the track of satellite 0 [km]", "across it, right positive [km]"),
+            (f"along the track of {platforms[0]} [km]", "across it, right positive [km]"),
             (grid.axis, grid.axis),
         ),
         seen=grid.seen,
@@ -165,6 +172,7 @@ def ground_map(
         },
         track=tracks(scenario, grid.axes, grid.platforms[0]),
         track_labels=("ground tracks",) * grid.platforms.shape[2],
+        track_names=tuple(platforms),
         report=_print_areas,
     )
 

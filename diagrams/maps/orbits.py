@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from diagrams.assembly.frame import INERTIAL
 from diagrams.assembly.map import BoundMap, Plane
 from systems.measurement.base import MeasurementModel
 from systems.measurement.visibility import Mask
@@ -81,6 +82,6 @@ def orbit_map(
         points_label="the scenario's target",
         present=None if mask is None else mask.visible(truth[seen], platforms),
         quantities=("position", "velocity"),
-        frame="inertial",
+        frame=INERTIAL,
         equal=False,
     )

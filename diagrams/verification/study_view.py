@@ -9,14 +9,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from diagrams.assembly.build import Assembly
+from diagrams.assembly.frame import UNITS, Frame
 from diagrams.state_errors import NEEDED, axis_errors, errors
 from diagrams.states import shared
 
 __all__ = ["StudyFacts", "View"]
 
 Array = NDArray[np.float64]
-
-_UNITS = {"position": "m", "height": "m", "velocity": "m/s", "speed": "m/s", "course": "deg"}
 
 
 class StudyFacts:
@@ -38,23 +37,16 @@ class StudyFacts:
         self.units = {state: u for m in models.values() for state, u in zip(m.names, m.units, strict=True)}
         judged = shared(wired.estimated_names, wired.truth_names)
         self.states = {name: list(shared(motion.names, judged)) for name, motion in models.items()}
-        self.quantities = {name: _quantities(states, judged, wired.model.frame) for name, states in self.states.items()}
+        self.quantities = {name: _quantities(states, judged, wired.model.axes) for name, states in self.states.items()}
 
     def unit(self, of: str) -> str:
         """Return the unit of a quantity or component."""
-        return _UNITS.get(of) or self.units.get(of, "")
+        return UNITS.get(of) or self.units.get(of, "")
 
 
-def _quantities(states: Sequence[str], judged: Sequence[str], frame: str) -> list[str]:
+def _quantities(states: Sequence[str], judged: Sequence[str], frame: Frame) -> list[str]:
     """Return what `diagrams.state_errors` finds of those components, where the study judges more."""
-    row = np.zeros((1, 1, 1, len(judged)))
-    row[..., :1] = 7e6  # somewhere on the Earth
-    still = xr.Dataset(
-        {"estimate": (("estimator", "trial", "time", "state"), row), "truth": (("time", "state"), row[0, 0])},
-        {"state": list(judged)},
-        {"frame": frame},
-    )
-    found = [str(of) for of in errors(still) if set(shared(NEEDED[str(of)], judged)) <= set(states)]
+    found = [of for of in frame.quantities(judged) if set(shared(NEEDED[of], judged)) <= set(states)]
     return list(dict.fromkeys([*found, *states]))
 
 

@@ -197,6 +197,28 @@ def legend(dataset, tmp_path, monkeypatch):
     return [text.get_text() for text in drawn[0].legends[0].get_texts()]
 
 
+def test_names_stand_beside_places_and_hide_no_other(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(gdop, "save", lambda figure, path: drawn.append(figure) or path)
+    model = flat_plane.SYSTEM.declare(flat_plane.Scenario())
+    (of,) = default_maps(model, flat_plane.Scenario().estimators, points=7)
+    middle = np.array([of.plane.values[0][3], of.plane.values[1][3]])
+    step = 0.02 * np.ptp(of.plane.values[0])  # some 15 pixels: labels at one side of each would lie on each other
+    spots = middle + step * np.array([[0, 0], [0, 1], [1, 0], [1, 1], [0, 0]])
+    names = ("alpha", "bravo", "charlie", "delta", "echo")
+    changed = dataclasses.replace(of, track=spots[None], track_labels=("platforms",) * 5, track_names=names)
+    gdop.draw_gdop(map_bounds(changed), tmp_path)
+    figure = drawn[0]
+    figure.draw_without_rendering()
+    axes = figure.axes[0]
+    labels = [text for text in axes.texts if set(text.get_text().split(", ")) <= set(names)]
+    assert sorted(text.get_text() for text in labels) == ["alpha, echo", "bravo", "charlie", "delta"]
+    boxes = [text.get_window_extent() for text in labels]
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    dots = axes.transData.transform(spots[:, ::-1])
+    assert not any(box.contains(*dot) for box in boxes for dot in dots)
+
+
 def test_legend_of_a_map_speaks_of_what_is_on_it(tmp_path, monkeypatch):
     model = flat_plane.SYSTEM.declare(flat_plane.Scenario())
     (of,) = default_maps(model, flat_plane.Scenario().estimators, points=7)
@@ -209,7 +231,7 @@ def test_legend_of_a_map_speaks_of_what_is_on_it(tmp_path, monkeypatch):
         changed = dataclasses.replace(of, track=track, **labels)
         return legend(map_bounds(changed, progress=False), tmp_path, monkeypatch)
 
-    assert said(places) == ["platforms (filled: the first)", target]
+    assert said(places) == ["platforms", target]
     moving = places + np.linspace(0, 1e-3, 5)[:, None, None]
-    assert said(moving) == ["platforms", "at half time (filled: the first)", target]
+    assert said(moving) == ["platforms", "at half time", target]
     assert said(places + 1e6) == [target]

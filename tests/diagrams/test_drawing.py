@@ -49,6 +49,16 @@ def test_wires_have_their_colours(made):
     assert "dashed" not in diagram_dot(diagram) and "three_satellite" in diagram_dot(diagram)
 
 
+def test_blocks_say_their_platforms_and_rows(made):
+    diagram, wired = made
+    text = diagram_dot(diagram, contents=wired.contents)
+    small = '<FONT POINT-SIZE="9" COLOR="#606060">'
+    assert f"{small}satellite_0, satellite_1,</FONT><BR/>\n{small}satellite_2</FONT>" in text
+    assert f"{small}tdoa_10, tdoa_20, fdoa_10," in text
+    many = diagram_dot(diagram, contents={"satellites": [f"<{i}>" for i in range(20)]})
+    assert "8 more</FONT>" in many and "&lt;11&gt;" in many and "&lt;12&gt;" not in many
+
+
 def test_feedback_that_is_not_there_is_refused(made):
     with pytest.raises(ValueError, match="ukf -> phase_resolver"):
         diagram_dot(made[0], [("iekf", "phase_resolver"), ("ukf", "phase_resolver")])

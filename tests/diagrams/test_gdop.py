@@ -62,7 +62,9 @@ def scenario_of(formation, acceleration):
 
 def bound_after_pass(scenario, grid, kinds, prior):
     stack = Stack([models(scenario, True)[kind] for kind in kinds])
-    return last_bound(ground_map(scenario, grid, {"one": stack}, scenario.belief.acceleration_mps2, prior), stack)
+    names = [f"satellite_{i}" for i in range(grid.platforms.shape[2])]
+    of = ground_map(scenario, grid, {"one": stack}, scenario.belief.acceleration_mps2, prior, names)
+    return last_bound(of, stack)
 
 
 def last_digit(value):

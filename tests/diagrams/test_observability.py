@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from diagrams.directions import direction_axes
+from diagrams.assembly.frame import FRAMES
 from diagrams.errors import UserError
 from diagrams.marker import MARKER
 from diagrams.observability import observe, prior_root, share_words
@@ -91,10 +91,10 @@ def test_axes_are_orthonormal():
     state = np.concatenate([[6.4e6, 1e5, 2e5], rng.standard_normal(3) * 100])
     carrier = np.concatenate([[7e6, 0, 0], rng.standard_normal(3)])
     for frame, axes in (("earth_fixed", 3), ("inertial", 3), ("local", 3), ("launch", 3), ("local", 2)):
-        names, rotation = direction_axes(state[:axes], state[3 : 3 + axes], carrier, frame)
+        names, rotation, _ = FRAMES[frame].directions(state[:axes], state[3 : 3 + axes], carrier)
         assert len(names) == axes
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(axes), atol=1e-12)
-    still = direction_axes(state[:3], np.zeros(3), carrier, "earth_fixed")
+    still = FRAMES["earth_fixed"].directions(state[:3], np.zeros(3), carrier)
     assert still[0] == ["up", "to the north", "to the east"]
     # north is where the axis of the Earth is, east is where it turns to
     assert still[1][1][2] > 0.99 and still[1][2] @ np.cross([0, 0, 1], state[:3]) > 0

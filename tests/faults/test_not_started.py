@@ -65,7 +65,8 @@ def test_two_platforms_in_one_place_are_told():
     rows = summarise(dataset)
     assert [row["not_started"] for row in rows.values()] == [3, 3] and [r["diverged"] for r in rows.values()] == [0, 0]
     (line, _) = why_not_started(dataset, {name: row["not_started"] for name, row in rows.items()})
-    assert line == "iekf: 3 of 3 trials never started and are in no RMSE: platforms 1 and 2 are in one place"
+    reason = "platforms satellite_1 and satellite_2 are in one place"
+    assert line == f"iekf: 3 of 3 trials never started and are in no RMSE: {reason}"
     found = compare("three_satellite", estimators=["iekf", "ekf"], trials=3, set=["duration_s=2", ONE_PLACE])
     assert found["estimators"]["iekf"]["not_started"] == 3 and "one place" in found["not_started"][0]
     assert comparison_table(found).columns
