@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.assembly.build import Assembly
@@ -23,6 +22,7 @@ from diagrams.json_numbers import json_numbers
 from diagrams.states import POSITION, VELOCITY, shared, translated
 from diagrams.study import Study
 from systems.estimators.base import Estimator
+from systems.integration import simulator_of
 from systems.observability import Spectrum, information_roots, spectrum
 from systems.recorder import record
 from systems.signals import Draw, set_draw
@@ -306,7 +306,7 @@ def _course(study: Study, times: Array) -> tuple[Array, Array, NDArray[np.bool_]
     diagram = alone.finish()
     context = diagram.CreateDefaultContext()
     set_draw(diagram, context, Draw(study.request.seed, 0))
-    simulator = Simulator(diagram, context)
+    simulator = simulator_of(diagram, context, study.model.step)
     simulator.Initialize()
     simulator.AdvanceTo(float(times[-1]))
     signals = {name: np.swapaxes(log[: times.size], 0, 1) for name, log in recorder.result(context)[1].items()}

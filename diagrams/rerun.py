@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from diagrams.assembly.find import PACKAGED, RECORDINGS, Found, find, fingerprint_of, read_own, systems
+from diagrams.assembly.source import look_in
 from diagrams.errors import UserError, choose
 from diagrams.recordings import with_data
 from diagrams.result_schema import check_version
@@ -77,6 +78,8 @@ def _system_again(take: _Taker, path: Path, system: str | None, trust: bool) -> 
     take("system_fingerprint", str, "text", str, "")
     if source == "yaml":
         text = take("scenario", str, "text", str)
+        if trust and file:
+            look_in(Path(file).parent)
         return Found(read_own(Path(file), text), None, name, "yaml", Path(file), fingerprint_of(Path(file)))
     return replace(named or _code_again(name, source, file, trust), variant=None)
 

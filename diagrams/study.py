@@ -33,6 +33,7 @@ from diagrams.runs import Run, padded, runs, simulate
 from diagrams.scenario import dump
 from diagrams.score import Score
 from systems.clocks import Clock, Times
+from systems.integration import simulator_of
 from systems.recorder import Recorder, record
 
 __all__ = ["KEEP", "Study", "join", "run_study"]
@@ -301,7 +302,7 @@ class Study:
         request, recorded = self.request, self.recorded
         running = self._diagram_for(trials)
         wired, width = running.wired, running.width
-        simulator = Simulator(running.diagram)
+        simulator = simulator_of(running.diagram, step=self.model.step)
         bounds = StudyBounds(wired, wired.clock.ticks(wired.duration)) if recorded is None or recorded.bounds else None
         with Progress(f"{self.system.name}, {trials} trials", trials, progress) as bar:
             for together in runs(self.model, request.first_trial + first, trials, width):

@@ -13,6 +13,7 @@ from diagrams.assembly.recorded import Recorded
 from systems.clocks import Clock
 from systems.estimators.base import Estimator, Tails
 from systems.estimators.start import Start
+from systems.integration import LONGEST_STEP
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 
@@ -103,6 +104,8 @@ class Model:
         The convergence time is when the RMSE of the position falls below this for good [m]; None: as `metrics` has it.
     widest : int, optional
         Most trials at once, where blocks need much memory of their own for each.
+    step : float
+        The longest step of the integration of blocks with continuous states [s]; see `systems.integration`.
     recorded : Recorded, optional
         What makes it a recording: measurements are played, not simulated.
     map : callable, optional
@@ -126,6 +129,7 @@ class Model:
     note: str = ""
     convergence: float | None = None
     widest: int | None = None
+    step: float = LONGEST_STEP
     recorded: Recorded | None = None
     map: Callable[[], BoundMap] | None = None
     view: View | None = None

@@ -22,12 +22,15 @@ from systems.estimators.custom import Custom
 from systems.files import Unreadable, read_bytes
 from systems.registry import in_one_line
 
-__all__ = ["beside", "blaming", "import_file", "import_module", "line_of"]
+__all__ = ["beside", "blaming", "import_file", "import_module", "line_of", "look_in"]
 
 _OURS = tuple(str(Path(str(package.__file__)).resolve().parent) for package in (diagrams, systems))
 _OTHERS = tuple(
     str(Path(sysconfig.get_path(name)).resolve()) for name in ("stdlib", "platstdlib", "purelib", "platlib")
 )
+
+
+_LOOKED_IN: dict[str, None] = {}  # folders of systems of YAML, the last one first
 
 
 # -------------------------------------------------------------------------------------------------- importing
@@ -48,6 +51,27 @@ def beside(folder: Path) -> Iterator[None]:
         for name in fresh:
             if name.partition(".")[0] in tops:
                 del sys.modules[name]
+
+
+def look_in(folder: Path) -> None:
+    """Look for a user's modules in a folder from now on, before the current one and before other such folders.
+
+    A module of another such folder is forgotten where this one has a file of its name.
+    """
+    path = str(folder.resolve())
+    if path in sys.path and (path not in _LOOKED_IN or next(iter(_LOOKED_IN)) == path):
+        return
+    for name, module in list(sys.modules.items()):
+        there = _folder(module) if "." not in name else None
+        if there in _LOOKED_IN and there != path and ((folder / f"{name}.py").exists() or (folder / name).is_dir()):
+            for own in [own for own in sys.modules if own.partition(".")[0] == name]:
+                del sys.modules[own]
+    others = [one for one in _LOOKED_IN if one != path]
+    sys.path[:] = [one for one in sys.path if one != path]
+    places = [sys.path.index(one) for one in ("", *others) if one in sys.path]
+    sys.path.insert(min(places, default=len(sys.path)), path)
+    _LOOKED_IN.clear()
+    _LOOKED_IN.update(dict.fromkeys([path, *others]))
 
 
 def _folder(module: ModuleType) -> str | None:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.assembly.build import Assembly, build
@@ -24,6 +23,7 @@ from diagrams.maps.charts import chart_of, moved_to
 from diagrams.maps.sides import sides_of
 from diagrams.states import POSITION, VELOCITY, columns, shared, translated
 from systems.estimators.base import Estimator
+from systems.integration import simulator_of
 from systems.recorder import record
 from systems.sensors.sensor import Sensor
 from systems.signals import Draw, set_draw
@@ -112,7 +112,7 @@ def recorded_course(model: Model, seed: int = 0) -> tuple[Array, Array, Array]:
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     set_draw(diagram, context, Draw(seed, 0))
-    simulator = Simulator(diagram, context)
+    simulator = simulator_of(diagram, context, model.step)
     simulator.Initialize()
     # rounding may put the last tick a bit after the end
     simulator.AdvanceTo(max(alone.duration, *alone.clock.ticks(alone.duration)[-1:]))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Union
 
 from diagrams.formation import Constants, ReferenceOrbit
+from diagrams.own import extra, motions, plants
 from diagrams.own.movers import Fixed, Mover, RandomMotion
 from diagrams.own.sensors import Sensor
 from diagrams.own.starts import KnownHeight, Snapshot
@@ -66,7 +67,7 @@ class Oscillator:
 class Belief:
     """What the estimators believe."""
 
-    motion: WhiteNoiseAcceleration | ConstantVelocity | Orbital = documented(
+    motion: WhiteNoiseAcceleration | ConstantVelocity | Orbital | motions.Custom = documented(
         "how the target moves", factory=WhiteNoiseAcceleration
     )
     sensors: dict[str, Sensor] = documented(
@@ -121,11 +122,12 @@ class OwnScenario:
     reference_orbit: ReferenceOrbit = documented("what !Offset is counted from", factory=ReferenceOrbit)
     platforms: dict[str, Mover] = documented("what carries the sensors, by name", factory=dict)
     platform_errors: PlatformErrors = documented("how well the platforms are known", factory=PlatformErrors)
-    target: Mover | RandomMotion = documented("what is looked for", factory=Fixed)
+    target: Mover | RandomMotion | plants.Custom = documented("what is looked for", factory=Fixed)
     sensors: dict[str, Sensor] = documented("what is measured, by name", factory=dict)
     oscillator: Oscillator | None = documented(
         "of the emitter, for !Frequency and !RangeRate; null: it has no error", None
     )
+    parts: list[extra.Custom] = documented("parts of one's own, in that order", factory=list)
     belief: Belief = documented("what the estimators believe", factory=Belief)
     start: Prior | Given | Snapshot | KnownHeight = documented("how the estimators begin", factory=Prior)
     map: Map | None = documented("what quietfix gdop draws; null: what is around the target and the platforms", None)

@@ -21,6 +21,8 @@ from systems.measurement.custom import CustomMeasurement
 from systems.measurement.phase import InterferometerPhase
 from systems.measurement.stack import Stack
 from systems.measurement.visibility import ElevationMask
+from systems.motion.base import MotionModel
+from systems.motion.custom import CustomMotion
 
 __all__ = ["NAME", "Measured", "PlacedSensor", "differentiated", "placed_sensors", "used_rows"]
 
@@ -38,6 +40,7 @@ _TAKEN = {
     "measurement",
     "measurements",
     "oscillator",
+    "plant",
     "phase_resolver",
     "platform_error",
     "platforms",
@@ -194,10 +197,12 @@ def _side_by_side(models: Sequence[MeasurementModel]) -> MeasurementModel:
     return models[0] if len(models) == 1 else Stack(models)
 
 
-def differentiated(sensors: Sequence[PlacedSensor]) -> str:
-    """Return a note on the models that have no Jacobian of their own; empty where all have one."""
+def differentiated(sensors: Sequence[PlacedSensor], motion: MotionModel) -> str:
+    """Return a note on the models that have no derivative of their own; empty where all have one."""
     models = {kind.name: kind.believed for one in sensors for kind in one.kinds}
     names = [name for name, m in models.items() if isinstance(m, CustomMeasurement) and not m.has_jacobian]
+    if isinstance(motion, CustomMotion) and not motion.has_transition:
+        names.append("belief.motion")
     if not names:
         return ""
     return f"Jacobian of {', '.join(names)}: central differences, as the class has none of its own."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path as FilePath
@@ -13,12 +12,14 @@ from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Assumed, Model, Part
+from diagrams.assembly.source import look_in
 from diagrams.assembly.system import System
 from diagrams.errors import UserError, shown
 from diagrams.formation import gravity_constants
+from diagrams.own import plants
 from diagrams.own.beginning import Begin, Surroundings, begin
 from diagrams.own.impairing import Together, impaired
-from diagrams.own.movers import RandomMotion, Tle
+from diagrams.own.movers import Mover, RandomMotion, Tle
 from diagrams.own.paths import Path, path_of, paths_of
 from diagrams.own.places import Places
 from diagrams.own.records import Setting, old_elements
@@ -33,6 +34,8 @@ from diagrams.parts.sensing import TargetSensor
 from diagrams.scenario import read_yaml
 from systems.clocks import Clock, Merged
 from systems.estimators.options import EstimatorOptions
+from systems.integration import LONGEST_STEP
+from systems.motion.custom import CustomMotion
 from systems.motion.gravity import GravityConstants
 from systems.plants.path import Path as PathBlock
 
@@ -83,12 +86,14 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
     clock: Clock = sensors[0].clock if len(sensors) == 1 else Merged([one.clock for one in sensors])
     flight = target_motion(scenario)
     motion = with_bias(scenario, flight, scenario.belief.walk_hz2ps)
-    mover = scenario.target.start if isinstance(scenario.target, RandomMotion) else scenario.target
-    path = path_of(mover, frame, setting, constants, "target")
 
     def carriers(t: float) -> Array:
         return np.concatenate([one(t) for one in paths])
 
+    platforms = Platforms(lambda: PathBlock(carriers, "carriers", 6 * len(paths)))
+    path = _target_path(scenario, setting, platforms)
+    if isinstance(flight, CustomMotion):
+        flight.check(np.stack([path(0.0)] * 2), scenario.period_s)
     _check_seen(scenario, sensors, path, carriers)
     kinds = [kind for one in sensors for kind in one.kinds]
     around = Surroundings(scenario, kinds, clock, motion.size, path, carriers, setting)
@@ -101,14 +106,16 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         takes = {"measurement": "raw"} if raw and resolvers.each else {}
         return Assumed(used_rows(sensors, options, name), motion, start(name, options, seen), seen, takes)
 
-    parts: list[Part] = [Platforms(lambda: PathBlock(carriers, "carriers", 6 * len(paths)))]
-    parts.append(Target(scenario, flight, path, clock))
+    own = [(field.before, field.part(f"parts.{i}")) for i, field in enumerate(scenario.parts)]
+    parts: list[Part] = [platforms, Target(scenario, flight, path, clock)]
+    parts += [part for before, part in own if before == "sensors"]
     for one in sensors:
         parts += [TargetSensor(one.name, one.real, one.clock, one.mask), impaired(one, frame)]
     signals = ["raw", "measurement"] if resolvers.each else ["measurement"]
     parts.append(Together([one.name for one in sensors], signals))
     parts.append(KnownPlatforms(scenario.platform_errors.sigma_position_m, scenario.platform_errors.sigma_velocity_mps))
     parts += needed
+    parts += [part for before, part in own if before == "estimators"]
     return Model(
         clock=clock,
         duration=duration,
@@ -119,11 +126,12 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         truth_states=motion.names,
         platforms=list(scenario.platforms),
         frame=frame,
-        signals=resolvers.signals,
+        signals={**resolvers.signals, **{k: v for field in scenario.parts for k, v in field.signals.items()}},
         rows=resolvers.rows,
+        step=scenario.target.step_s if isinstance(scenario.target, plants.Custom) else LONGEST_STEP,
         view=view_of(scenario.map, frame, setting, constants),
         note=" ".join(
-            note for note in (differentiated(sensors), _open(around, start), _old(scenario, setting)) if note
+            note for note in (differentiated(sensors, flight), _open(around, start), _old(scenario, setting)) if note
         ),
     )
 
@@ -140,10 +148,23 @@ def _open(around: Surroundings, start: Begin) -> str:
     return ""
 
 
+def _target_path(scenario: OwnScenario, setting: Setting, platforms: Part) -> Path:
+    """Return the state (6,) of the target, or the mean of its start, as a function of time."""
+    target, constants = scenario.target, gravity_constants(scenario.constants)
+    if isinstance(target, plants.Custom):
+        return plants.played(target, platforms)
+    return path_of(_mover(target), scenario.frame, setting, constants, "target")
+
+
+def _mover(target: Mover | RandomMotion) -> Mover:
+    return target.start if isinstance(target, RandomMotion) else target
+
+
 def _old(scenario: OwnScenario, setting: Setting) -> str:
     """Return which two-line elements are old."""
-    target = scenario.target.start if isinstance(scenario.target, RandomMotion) else scenario.target
-    movers = {**{f"platforms.{name}": one for name, one in scenario.platforms.items()}, "target": target}
+    movers = {f"platforms.{name}": one for name, one in scenario.platforms.items()}
+    if not isinstance(scenario.target, plants.Custom):
+        movers["target"] = _mover(scenario.target)
     notes = [old_elements(one, setting, where) for where, one in movers.items() if isinstance(one, Tle)]
     return " ".join(note for note in notes if note)
 
@@ -165,8 +186,8 @@ def own_system(path: FilePath, text: str | None = None) -> System:
         If the file is none, or empty.
     """
     folder = path.resolve().parent
-    if text is None and str(folder) not in sys.path:
-        sys.path.append(str(folder))
+    if text is None:
+        look_in(folder)
     base = read_yaml(path, "system") if text is None else read_yaml(text)
     if not base:
         raise UserError(f"system: {shown(path)} is empty; platforms, a target, sensors and estimators are needed")

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.systems.framework import OutputPort
 
 from diagrams.assembly.bus import Bus
 from diagrams.errors import UserError
 from diagrams.formation import gravity_constants
+from diagrams.own import motions, plants
 from diagrams.own.movers import Fixed, Geodetic, Kepler, Offset, PositionVelocity, RandomMotion, Straight, StraightLine
 from diagrams.own.paths import Path
 from diagrams.own.schema import ConstantVelocity, Orbital, Oscillator, OwnScenario
@@ -33,6 +35,8 @@ Array = NDArray[np.float64]
 def target_motion(scenario: OwnScenario) -> MotionModel:
     """Return how the target is believed to move, without its oscillator."""
     field = scenario.belief.motion
+    if isinstance(field, motions.Custom):
+        return field.model("belief.motion")
     if isinstance(field, Orbital):
         if scenario.frame != "inertial":
             raise UserError(f"belief.motion: !Orbital is for frame inertial only, this is {scenario.frame}")
@@ -100,10 +104,10 @@ class Target:
             motion = with_bias(self.scenario, self.motion, None)
             ModelTarget(motion, self.clock, np.append(self.path(0.0), bias), about)(bus)
             return
+        flight = self._flight(bus, "target" if oscillator is None else "flight")
         if oscillator is None:
-            bus.add(PathBlock(self.path, "target"), gives={"target": "state", "truth": "state"})
+            bus.publish(target=flight, truth=flight)
             return
-        bus.add(PathBlock(self.path, "flight"))
         density = oscillator.walk_hz2ps * _metres_per_hertz(oscillator) ** 2
         walk = RandomWalk([density], ["bias"], ["m/s"])
         variance = [[(drawn * _metres_per_hertz(oscillator)) ** 2]]
@@ -112,3 +116,9 @@ class Target:
         parts = {"flight": "flight.state", "oscillator": "oscillator.state"}
         shapes = {name: bus.shape(signal) for name, signal in parts.items()}
         bus.add(Joined(shapes, "target"), gives={"target": "state", "truth": "state"}, takes=parts)
+
+    def _flight(self, bus: Bus, name: str) -> OutputPort:
+        """Add what moves, without its oscillator; return its state (trials or 1, 6)."""
+        if isinstance(self.scenario.target, plants.Custom):
+            return plants.add_plant(self.scenario.target, bus, name).GetOutputPort("state")
+        return bus.add(PathBlock(self.path, name)).GetOutputPort("state")
