@@ -82,7 +82,8 @@ def _check(name: str, python: bool) -> None:
         return
     if not name.isidentifier() or keyword.iskeyword(name):
         raise UserError(f"NAME: {name!r} is not allowed with --python; letters, digits and _, no word of Python")
-    if not Path(f"{name}.py").exists() and find_spec(name) is not None:
+    found = None if Path(f"{name}.py").exists() else find_spec(name)
+    if found is not None and found.origin is not None:  # None: a folder, of results, say
         raise UserError(f"NAME: {name} is not allowed with --python; it would hide the module of that name")
 
 

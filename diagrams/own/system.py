@@ -106,21 +106,13 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         takes = {"measurement": "raw"} if raw and resolvers.each else {}
         return Assumed(used_rows(sensors, options, name), motion, start(name, options, seen), seen, takes)
 
-    own = [(field.before, field.part(f"parts.{i}")) for i, field in enumerate(scenario.parts)]
-    parts: list[Part] = [platforms, Target(scenario, flight, path, clock)]
-    parts += [part for before, part in own if before == "sensors"]
-    for one in sensors:
-        parts += [TargetSensor(one.name, one.real, one.clock, one.mask), impaired(one, frame)]
-    signals = ["raw", "measurement"] if resolvers.each else ["measurement"]
-    parts.append(Together([one.name for one in sensors], signals))
-    parts.append(KnownPlatforms(scenario.platform_errors.sigma_position_m, scenario.platform_errors.sigma_velocity_mps))
-    parts += needed
-    parts += [part for before, part in own if before == "estimators"]
+    own = _own_parts(scenario)
+    begins = [platforms, Target(scenario, flight, path, clock), *own["sensors"]]
     return Model(
         clock=clock,
         duration=duration,
         divergence=scenario.divergence_m,
-        parts=parts,
+        parts=[*begins, *_sensing(scenario, sensors, bool(resolvers.each)), *needed, *own["estimators"]],
         assume=assume,
         truth_motion=true_motion(scenario, flight),
         truth_states=motion.names,
@@ -146,6 +138,24 @@ def _open(around: Surroundings, start: Begin) -> str:
             spread = start(name, options, rows).covariance_at(target, platforms)
             return open_cycles(around.kinds, spread, target, platforms)
     return ""
+
+
+def _own_parts(scenario: OwnScenario) -> dict[str, list[Part]]:
+    """Return a user's parts by what they are put before."""
+    found: dict[str, list[Part]] = {"sensors": [], "estimators": []}
+    for i, field in enumerate(scenario.parts):
+        found[field.before].append(field.part(f"parts.{i}"))
+    return found
+
+
+def _sensing(scenario: OwnScenario, sensors: Sequence[PlacedSensor], resolved: bool) -> list[Part]:
+    """Return the parts that measure; `resolved`: whether phases are resolved before the estimators get them."""
+    parts: list[Part] = []
+    for one in sensors:
+        parts += [TargetSensor(one.name, one.real, one.clock, one.mask), impaired(one, scenario.frame)]
+    parts.append(Together([one.name for one in sensors], ["raw", "measurement"] if resolved else ["measurement"]))
+    errors = scenario.platform_errors
+    return [*parts, KnownPlatforms(errors.sigma_position_m, errors.sigma_velocity_mps)]
 
 
 def _target_path(scenario: OwnScenario, setting: Setting, platforms: Part) -> Path:

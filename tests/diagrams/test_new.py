@@ -110,6 +110,11 @@ def test_nothing_is_written_over(capsys, folder, there, kind):
     assert kind != "file" or path.read_text() == "x"
 
 
+def test_a_folder_of_that_name_is_no_module(capsys, folder):
+    (folder / "boat").mkdir()
+    assert in_process(capsys, "new", "boat", "--python")[0] == 0
+
+
 @pytest.mark.parametrize("hard_links", [True, False])
 def test_a_file_that_comes_meanwhile_is_left_and_the_other_is_not_written(capsys, folder, monkeypatch, hard_links):
     """Between the look and the writing: the second file is somebody's by then."""
