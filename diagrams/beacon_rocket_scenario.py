@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Union
 
 from diagrams.launch import (
-    Constants,
     Falcon9,
     Geodetic,
     Rocket,
     Site,
+    SphericalEarth,
     Track,
 )
 from diagrams.sensor_errors import SensorErrors
@@ -130,7 +130,7 @@ class Scenario:
     stop_s: float = number("tracking ends [s]", 300.0, above=0)
     period_s: float = number("time between samples [s]", 0.05, above=0)
     divergence_m: float = number("a trial further off than this at the end has diverged [m]", 1e3, above=0)
-    constants: Constants = documented("physical constants", factory=Constants)
+    constants: SphericalEarth = documented("physical constants", factory=SphericalEarth)
     site: Site = documented("launch site: origin and axes of the launch frame", factory=Site)
     vehicle: Rocket | Falcon9 = documented("what flies, !Rocket or !Falcon9", factory=Rocket)
     stations: list[Track | Geodetic] = documented("stations, !Track or !Geodetic", factory=list)

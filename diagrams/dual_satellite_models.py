@@ -14,7 +14,7 @@ from diagrams.assembly.map import BoundMap
 from diagrams.dual_satellite_scenario import PLATFORMS, Scenario, Truth
 from diagrams.dual_signal import Signal, SignalChain, predicted_sigmas, waveform_of
 from diagrams.errors import UserError
-from diagrams.maps.ground import Prior, ground_grid, ground_map
+from diagrams.maps.ground import GroundPrior, ground_grid, ground_map
 from systems.ambiguity.limits import check_duration
 from systems.ambiguity.variance import effective_snr, stein
 from systems.clocks import Periodic
@@ -121,7 +121,7 @@ def bound_map(scenario: Scenario) -> BoundMap:
         "direction + TDOA + FDOA": Stack([available[kind] for kind in ("direction", "tdoa", "fdoa")]),
     }
     grid = ground_grid(scenario, count=2)
-    return ground_map(scenario, grid, sets, scenario.belief.acceleration_mps2, Prior(), PLATFORMS)
+    return ground_map(scenario, grid, sets, scenario.belief.acceleration_mps2, GroundPrior(), PLATFORMS)
 
 
 def signal_chain(

@@ -17,7 +17,7 @@ from systems.motion.kepler import KeplerElements, mean_anomaly, state_of
 from systems.plants.orbit import DenseOrbit
 
 __all__ = [
-    "Constants",
+    "EarthConstants",
     "GreatCircle",
     "Kepler",
     "Motion",
@@ -39,7 +39,7 @@ _KM = 1e3
 
 
 @dataclass
-class Constants:
+class EarthConstants:
     """Physical constants."""
 
     mu_m3ps2: float = number("gravitational parameter of the Earth [m^3/s^2]", 3.986004418e14, above=0)
@@ -110,12 +110,12 @@ class Formation(Protocol):
     """What a scenario with satellites has."""
 
     duration_s: float
-    constants: Constants
+    constants: EarthConstants
     reference_orbit: ReferenceOrbit
     satellites: list[Offset | Kepler | PositionVelocity]
 
 
-def gravity_constants(constants: Constants) -> GravityConstants:
+def gravity_constants(constants: EarthConstants) -> GravityConstants:
     """Return the physical constants of a scenario as the orbit's equations take them."""
     return GravityConstants(
         mu=constants.mu_m3ps2, radius=constants.earth_radius_m, j2=constants.j2, earth_rate=constants.earth_rate_radps

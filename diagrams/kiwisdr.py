@@ -268,7 +268,7 @@ class KiwiReplay:
         """See `Replay.table`."""
         seconds, length = self.settings.integration_s, self.times.size
         title = f"{self.data.transmitter}, time differences of {length} windows of {seconds:g} s"
-        heads = ("median, us", "scatter, us", "sigma foretold, us", "true, us", "off by, us", "windows")
+        heads = ("median, us", "scatter, us", "predicted sigma, us", "true, us", "off by, us", "windows")
         table = Table(title, [Column("pair"), *heads])
         for pair, found in self.pairs.items():
             median, true = self._median(pair), self.true_difference(pair)

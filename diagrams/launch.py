@@ -18,12 +18,12 @@ from systems.plants.recorded_flight import RecordedFlight
 from systems.plants.rocket import Rocket as RocketPlant
 
 __all__ = [
-    "Constants",
     "Falcon9",
     "Geodetic",
     "Launch",
     "Rocket",
     "Site",
+    "SphericalEarth",
     "Stage",
     "Track",
     "launch_site",
@@ -40,7 +40,7 @@ _DEEPEST = 500.0  # m below the sphere; the lowest land is at -430 m
 
 
 @dataclass
-class Constants:
+class SphericalEarth:
     """Physical constants."""
 
     mu_m3ps2: float = number("gravitational parameter of the Earth [m^3/s^2]", 3.986004418e14, above=0)
@@ -121,7 +121,7 @@ class Launch(Protocol):
         """Tracking ends [s]."""
 
     @property
-    def constants(self) -> Constants:
+    def constants(self) -> SphericalEarth:
         """Physical constants."""
 
     @property

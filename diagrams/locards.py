@@ -36,7 +36,7 @@ from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.constant_velocity import WhiteNoiseAcceleration
 from systems.recorder import Recorder, record
-from systems.registry import ESTIMATORS, locate
+from systems.registry import ESTIMATORS, object_at
 from systems.sensors.recorded import RecordedMeasurements, Recording
 
 __all__ = [
@@ -138,7 +138,7 @@ def build(recordings: Sequence[Recording], settings: Settings) -> Built:
     gate = builder.AddSystem(
         ArrivalGate(model, tdoa, trials, platforms, height="altitude", false_alarm=settings.false_alarm)
     )
-    options = locate(ESTIMATORS[choose("estimator", settings.estimator, ESTIMATORS)])()
+    options = object_at(ESTIMATORS[choose("estimator", settings.estimator, ESTIMATORS)])()
     motion = WhiteNoiseAcceleration(settings.acceleration_density_m2ps3)
 
     def estimator(name: str, gated: bool) -> Estimator:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from diagrams.states import Moves
-from systems.counting import count
+from systems.counting import tally
 from systems.filters.linear_algebra import cholesky, symmetric
 from systems.filters.square_root import Gains
 from systems.filters.whitening import Whitener, whitened_jacobian
@@ -81,7 +81,7 @@ def bound_steps(
     flown: Array | None = None,
 ) -> Iterator[Array]:
     """Yield the bound (trials, n, n) of one epoch after the other; see `posterior_bound`."""
-    count("bounded")
+    tally("bounded")
     t = np.asarray(times, dtype=float)
     start = np.asarray(start_covariance, dtype=float)
     start = start if start.ndim == 3 else start[None]

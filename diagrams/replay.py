@@ -167,7 +167,7 @@ def replay(
         For an unknown data set, missing or broken data, or a folder that cannot be written.
     """
     from diagrams.output import OutputFolder
-    from systems.registry import locate
+    from systems.registry import object_at
 
     files = [Path(file)] if isinstance(file, str | Path) else [Path(one) for one in file or ()]
     if choose("dataset", dataset, [*RECORDINGS, *REPLAYS]) not in REPLAYS:
@@ -177,7 +177,7 @@ def replay(
         return run_command(dataset, {k: v for k, v in asked.items() if v}, None, _path(out), overwrite, False, progress)
     if estimators:
         raise UserError(f"--estimator: {estimators[0]} is not allowed for {dataset}")
-    entry: Dataset = locate(REPLAYS[dataset])
+    entry: Dataset = object_at(REPLAYS[dataset])
     extra = _settings(entry, settings)
     source = _own_files(entry, files) if entry.takes_file or files else data_folder(entry, data, entry.holds)
     if out is None:
@@ -249,9 +249,9 @@ def replay_settings(dataset: str, settings: Sequence[str] = ()) -> str:
         For a setting that is unknown or not allowed.
     """
     from diagrams.scenario import dump
-    from systems.registry import locate
+    from systems.registry import object_at
 
-    found = _settings(locate(REPLAYS[choose("dataset", dataset, REPLAYS)]), settings)
+    found = _settings(object_at(REPLAYS[choose("dataset", dataset, REPLAYS)]), settings)
     return dump(found[0]) if found else "{}  # it has no settings\n"
 
 

@@ -13,7 +13,7 @@ from diagrams import formation
 from diagrams.assembly.map import BoundMap
 from diagrams.errors import UserError, choose
 from diagrams.ground import beside_track
-from diagrams.maps.ground import Prior, ground_grid, ground_map
+from diagrams.maps.ground import GroundPrior, ground_grid, ground_map
 from diagrams.three_satellite_scenario import PLATFORMS, Scenario
 from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.options import EstimatorOptions
@@ -153,7 +153,7 @@ def bound_map(
     sets: Mapping[str, Sequence[str]] | None = None,
     spacing_km: float = 100.0,
     extent_km: float = 1500.0,
-    prior: Prior | None = None,
+    prior: GroundPrior | None = None,
 ) -> BoundMap:
     """Return the map of the bound after the pass, for targets on a grid over the ground.
 
@@ -168,7 +168,7 @@ def bound_map(
         default those of the scenario's estimators.
     spacing_km, extent_km : float
         See `diagrams.maps.ground.ground_grid`.
-    prior : Prior, optional
+    prior : GroundPrior, optional
         What is known before the first measurement.
 
     Raises
@@ -183,7 +183,7 @@ def bound_map(
         for name, kinds in chosen.items()
     }
     grid = ground_grid(scenario, spacing_km, extent_km)
-    return ground_map(scenario, grid, stacks, scenario.belief.acceleration_mps2, prior or Prior(), PLATFORMS)
+    return ground_map(scenario, grid, stacks, scenario.belief.acceleration_mps2, prior or GroundPrior(), PLATFORMS)
 
 
 def sensor_stack(scenario: Scenario, real: Mapping[str, Any]) -> Stack:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Union
 
 from diagrams.formation import (
-    Constants,
+    EarthConstants,
     GreatCircle,
     Kepler,
     Offset,
@@ -92,7 +92,7 @@ class Scenario:
     duration_s: float = number("length of the pass [s]", 150.0, above=0)
     period_s: float = number("time between measurements [s]", 1.0, above=0)
     divergence_m: float = number("a trial further off than this at the end has diverged [m]", 50e3, above=0)
-    constants: Constants = documented("physical constants", factory=Constants)
+    constants: EarthConstants = documented("physical constants", factory=EarthConstants)
     reference_orbit: ReferenceOrbit = documented("orbit that the offsets refer to", factory=ReferenceOrbit)
     satellites: list[Offset | Kepler | PositionVelocity] = documented(
         "the three satellites, !Offset, !Kepler or !PositionVelocity; the first is the reference and carries the "

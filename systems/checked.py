@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.registry import blamed, in_one_line, locate
+from systems.registry import blamed, in_one_line, object_at
 
 __all__ = ["Checked", "made", "state_steps"]
 
@@ -38,7 +38,7 @@ def made(path: str, options: Mapping[str, Any], kind: type, optional: Collection
     ValueError
         If the class cannot be found, is no such subclass, lacks something else, refuses the options or fails.
     """
-    found = locate(path)
+    found = object_at(path)
     if not isinstance(found, type) or not issubclass(found, kind):
         raise ValueError(f"class: {path} is not allowed; a subclass of {kind.__module__}.{kind.__qualname__}")
     lacking = sorted(getattr(found, "__abstractmethods__", ()))

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
-__all__ = ["count", "counting"]
+__all__ = ["counting", "tally"]
 
 _open: list[Counter[str]] = []
 
@@ -19,7 +19,7 @@ class Named(Protocol):
         """Return its name."""
 
 
-def count(what: str, block: Named | None = None) -> None:
+def tally(what: str, block: Named | None = None) -> None:
     """Note that something was done once, ``what``, or of a block ``NAME.what``; nothing unless someone is counting."""
     if _open:
         name = what if block is None else f"{block.get_name()}.{what}"

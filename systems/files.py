@@ -6,7 +6,7 @@ import os
 import stat
 from pathlib import Path
 
-from systems.counting import count
+from systems.counting import tally
 
 __all__ = ["Unreadable", "read_bytes", "read_text", "regular_size"]
 
@@ -64,7 +64,7 @@ def read_bytes(path: Path | str, largest: int = _LARGEST) -> bytes:
     Unreadable
         As of `regular_size`, and if it is larger.
     """
-    count("read")
+    tally("read")
     file = Path(path)
     descriptor, size = _open(file)
     try:

@@ -10,7 +10,7 @@ from operator import or_
 from pathlib import Path
 from typing import Any
 
-__all__ = ["ESTIMATORS", "blamed", "estimator_options", "in_one_line", "lines_of", "locate"]
+__all__ = ["ESTIMATORS", "blamed", "estimator_options", "in_one_line", "lines_of", "object_at"]
 
 ESTIMATORS: dict[str, str] = {
     "iekf": "systems.estimators.iekf:Iekf",
@@ -56,7 +56,7 @@ def blamed(path: str, error: BaseException, method: str = "") -> str:
     return f"{path}{method and '.'}{method} failed with {in_one_line(error)}{where}"
 
 
-def locate(path: str) -> Any:
+def object_at(path: str) -> Any:
     """Import what ``package.module:Name`` names.
 
     Raises
@@ -85,4 +85,4 @@ def locate(path: str) -> Any:
 
 def estimator_options() -> Any:
     """Return the union of the options classes of all registered estimators; each class name is a YAML tag."""
-    return reduce(or_, (locate(path) for path in ESTIMATORS.values()))
+    return reduce(or_, (object_at(path) for path in ESTIMATORS.values()))

@@ -12,7 +12,7 @@ from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Assumed, Model
 from diagrams.errors import UserError
 from systems.clocks import Clock
-from systems.counting import count
+from systems.counting import tally
 from systems.estimators.base import Estimator, Wiring
 from systems.motion.base import MotionModel
 from systems.signals import EnsembleBlock, components_of
@@ -43,7 +43,7 @@ class Assembly:
 
     def finish(self, name: str | None = None) -> Diagram:
         """Return the diagram, which can be made once; all that is said here of it stays true."""
-        count("built")
+        tally("built")
         diagram = self.bus.builder.Build()
         if name is not None:
             diagram.set_name(name)
@@ -188,7 +188,7 @@ def build(model: Model, builder: DiagramBuilder, options: Mapping[str, Any], tri
     ValueError
         If something does not fit, in the user's words.
     """
-    count("wired")
+    tally("wired")
     bus = Bus(builder, trials)
     for part in model.parts:
         part(bus)

@@ -21,7 +21,7 @@ from diagrams.assembly.system import System
 from diagrams.errors import UserError, choose, in_users_words, shown
 from diagrams.origins import origins_of
 from systems.files import Unreadable, read_bytes
-from systems.registry import in_one_line, locate
+from systems.registry import in_one_line, object_at
 
 __all__ = ["FORMS", "GROUP", "PACKAGED", "RECORDINGS", "Found", "find", "fingerprint_of", "read_own", "systems"]
 
@@ -166,7 +166,7 @@ def find(reference: str | System | Found, variant: str | None = None, folder: Pa
         choose("system", reference, [*systems(), *RECORDINGS])
     head, _, tail = reference.partition(":")
     if head in _OURS:
-        found = Found(locate(_OURS[head]), None, head, "packaged")
+        found = Found(object_at(_OURS[head]), None, head, "packaged")
         return found.of(variant or (tail if ":" in reference else None))
     if match := _PYTHON_FILE.fullmatch(reference):
         found = _in_file(match["file"], match["object"], folder or Path())
@@ -222,7 +222,7 @@ def read_own(path: Path, text: str | None = None) -> System:
     UserError
         Naming the field, the value and what is allowed.
     """
-    system = locate(_OWN)(path, text)
+    system = object_at(_OWN)(path, text)
     assert isinstance(system, System)
     return system
 

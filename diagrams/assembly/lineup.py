@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from diagrams.errors import UserError, choose, texts
-from systems.registry import ESTIMATORS, locate
+from systems.registry import ESTIMATORS, object_at
 
 __all__ = ["check_names", "estimator_key", "refuse_classes", "select_estimators"]
 
@@ -92,7 +92,7 @@ def select_estimators(scenario: Any, wanted: Sequence[str] | None) -> list[str]:
         elif name in scenario.estimators:
             chosen.append(name)
         elif name in ESTIMATORS and name != "custom":
-            scenario.estimators[name] = locate(ESTIMATORS[name])()
+            scenario.estimators[name] = object_at(ESTIMATORS[name])()
             chosen.append(name)
         elif ":" in name:
             key = estimator_key(name)
@@ -103,7 +103,7 @@ def select_estimators(scenario: Any, wanted: Sequence[str] | None) -> list[str]:
                     f"rename the class, or name it yourself by --set 'estimators.NAME=!Custom {{class: {name}}}'"
                 )
             if there is None:
-                scenario.estimators[key] = locate(ESTIMATORS["custom"])(class_=name)
+                scenario.estimators[key] = object_at(ESTIMATORS["custom"])(class_=name)
             chosen.append(key)
         else:
             known = dict.fromkeys([*scenario.estimators, *(e for e in ESTIMATORS if e != "custom")])

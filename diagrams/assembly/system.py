@@ -21,7 +21,7 @@ from diagrams.errors import UserError, choose, texts
 from diagrams.origins import Origins
 from diagrams.scenario import apply_setting, check_object, dump, load, merge, read_yaml
 from systems.clocks import Periodic
-from systems.counting import count
+from systems.counting import tally
 
 __all__ = ["Layer", "System", "packaged"]
 
@@ -202,7 +202,7 @@ class System:
         ValueError
             If something does not fit.
         """
-        count("declared")
+        tally("declared")
         model = self.declare(scenario)
         if not isinstance(model, Model):
             raise ValueError(f"declare: it returned {type(model).__name__}; diagrams.assembly.model.Model is needed")

@@ -36,7 +36,7 @@ def draw_differences(result: KiwiReplay) -> Figure:
             ms=5,
             capsize=2,
             lw=1.2,
-            label=f"{found.auxiliary} - {found.main}, with the sigma foretold",
+            label=f"{found.auxiliary} - {found.main}, with the sigma predicted",
         )
         panel.axhline(1e6 * true, color="black", lw=1.4, ls=(0, (6, 3)), label="by the straight lines from the mast")
         panel.axhline(1e6 * np.median(found.tdoa[good]), color=colour, lw=1.2, label="median")

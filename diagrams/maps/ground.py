@@ -28,7 +28,7 @@ from systems.motion.great_circle import straight_line
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["HEIGHT_LIMITS", "POSITION_LIMITS", "Grid", "Prior", "ground_areas", "ground_grid", "ground_map"]
+__all__ = ["HEIGHT_LIMITS", "POSITION_LIMITS", "GroundGrid", "GroundPrior", "ground_areas", "ground_grid", "ground_map"]
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ _MINIMUM_ELEVATION = 3.0  # deg
 
 
 @dataclass(frozen=True)
-class Prior:
+class GroundPrior:
     """What is known of the target before the pass; standard deviations.
 
     Parameters
@@ -75,7 +75,7 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class GroundGrid:
     """Targets over the ground, all of them at once; made by `ground_grid`.
 
     Parameters
@@ -103,7 +103,7 @@ class Grid:
     axes: Array
 
 
-def ground_grid(scenario: Airborne, spacing_km: float = 100.0, extent_km: float = 1500.0, count: int = 3) -> Grid:
+def ground_grid(scenario: Airborne, spacing_km: float = 100.0, extent_km: float = 1500.0, count: int = 3) -> GroundGrid:
     """Return targets from -extent to +extent along and across the track of satellite 0, of `count` satellites.
 
     Raises
@@ -122,15 +122,15 @@ def ground_grid(scenario: Airborne, spacing_km: float = 100.0, extent_km: float 
     truth = straight_line(start[..., None, :], times)
     mask = ElevationMask(np.radians(_MINIMUM_ELEVATION))
     seen = np.asarray(mask.visible(truth, platforms).all(axis=(-1, -2)))
-    return Grid(axis, seen, truth[seen], platforms, times, track_axes(scenario, orbit))
+    return GroundGrid(axis, seen, truth[seen], platforms, times, track_axes(scenario, orbit))
 
 
 def ground_map(
     scenario: Airborne,
-    grid: Grid,
+    grid: GroundGrid,
     sets: Mapping[str, MeasurementModel],
     acceleration: float,
-    prior: Prior,
+    prior: GroundPrior,
     platforms: Sequence[str],
 ) -> BoundMap:
     """Return the map of targets over the ground under satellites.
@@ -139,13 +139,13 @@ def ground_map(
     ----------
     scenario : Airborne
         Satellites, and the target's height, speed and course.
-    grid : Grid
+    grid : GroundGrid
         From `ground_grid`.
     sets : mapping of str to MeasurementModel
         What is measured.
     acceleration : float
         Process noise of the filter's model of constant velocity [m/s^2].
-    prior : Prior
+    prior : GroundPrior
         What is known before the first measurement, which is then used like all others.
     platforms : sequence of str
         Names of the satellites.

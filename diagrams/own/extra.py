@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from diagrams.assembly.bus import Bus
 from diagrams.errors import UserError
 from systems.documented import choice, documented, text
-from systems.registry import blamed, locate
+from systems.registry import blamed, object_at
 
 __all__ = ["Custom"]
 
@@ -28,7 +28,7 @@ class Custom:
     def part(self, where: str) -> "_Part":
         """Return the part."""
         try:
-            found = locate(self.class_)
+            found = object_at(self.class_)
         except ValueError as error:
             raise UserError(f"{where}.{error}") from error
         if not callable(found):
@@ -44,7 +44,7 @@ class _Part:
     def __call__(self, bus: Bus) -> None:
         """See `diagrams.assembly.model.Part`."""
         field, path = self.field, self.field.class_
-        found = locate(path)
+        found = object_at(path)
         try:
             if isinstance(found, type):
                 found(**field.options)(bus)

@@ -27,7 +27,7 @@ class _Launch:
     """See `diagrams.launch.Launch`."""
 
     stop_s: float
-    constants: launch.Constants
+    constants: launch.SphericalEarth
     site: launch.Site
     vehicle: Rocket
     stations: Sequence[launch.Track | launch.Geodetic] = ()
@@ -49,7 +49,7 @@ def rocket_path(rocket: Rocket, duration: float, constants: GravityConstants, wh
     geocentric = math.degrees(math.asin(place[2] / radius))
     flight = _Launch(
         duration,
-        launch.Constants(constants.mu, radius, constants.earth_rate),
+        launch.SphericalEarth(constants.mu, radius, constants.earth_rate),
         launch.Site(geocentric, rocket.longitude_deg, rocket.azimuth_deg),
         rocket,
     )

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 def impaired(one: PlacedSensor, frame: str) -> Impaired:
-    """Return the part that spoils what a sensor reads; a `UserError` names errors that it cannot have."""
+    """Return the part that impairs what a sensor reads; a `UserError` names errors that it cannot have."""
     refused = {"platform": "platform_errors says how well the platforms are known"}
     mounts = [mount for kind in one.kinds for mount in _mounts(kind, frame)]
     clocks = {row: pair for kind in one.kinds for row, pair in _clocks(kind).items()}

@@ -17,7 +17,7 @@ from diagrams.errors import UserError
 from systems.documented import documented, number, text
 from systems.integration import LONGEST_STEP, simulator_of
 from systems.plants.checked_truth import CheckedTruth
-from systems.registry import blamed, in_one_line, locate
+from systems.registry import blamed, in_one_line, object_at
 from systems.signals import Draw, set_draw
 
 __all__ = ["Custom", "add_plant", "played"]
@@ -72,7 +72,7 @@ def add_plant(field: Custom, bus: Bus, name: str, where: str = "target") -> Chec
 def _made(field: Custom, trials: int, where: str) -> tuple[Any, int]:
     """Return a new block and how many trials are on its port."""
     try:
-        kind = locate(field.class_)
+        kind = object_at(field.class_)
     except ValueError as error:
         raise UserError(f"{where}.{error}") from error
     if not callable(kind):

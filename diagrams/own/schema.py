@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Union
 
-from diagrams.formation import Constants, ReferenceOrbit
+from diagrams.formation import EarthConstants, ReferenceOrbit
 from diagrams.own import extra, motions, plants
 from diagrams.own.movers import Fixed, Mover, RandomMotion
 from diagrams.own.sensors import Sensor
@@ -118,7 +118,7 @@ class OwnScenario:
     start_utc: str | None = documented("date and time of t = 0, ISO 8601, UTC or with its offset; !Tle needs it", None)
     duration_s: float = number("length of a run [s]", 100.0, above=0)
     divergence_m: float = number("a trial further off than this at the end has diverged [m]", 50e3, above=0)
-    constants: Constants = documented("physical constants", factory=Constants)
+    constants: EarthConstants = documented("physical constants", factory=EarthConstants)
     reference_orbit: ReferenceOrbit = documented("what !Offset is counted from", factory=ReferenceOrbit)
     platforms: dict[str, Mover] = documented("what carries the sensors, by name", factory=dict)
     platform_errors: PlatformErrors = documented("how well the platforms are known", factory=PlatformErrors)

@@ -1,4 +1,4 @@
-"""Parts that spoil what is measured and known: errors that no estimator knows of."""
+"""Parts that impair what is measured and known: errors that no estimator knows of."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from diagrams.errors import UserError, choose
 from diagrams.verification.statistics import Statistic
-from diagrams.verification.study_view import StudyFacts, View
+from diagrams.verification.study_view import StudyFacts, StudyView
 from systems.documented import documented, number, text
 
 __all__ = ["ErrorMetric", "Metric", "TimedMetric", "mean_over_epochs", "mean_squares"]
@@ -36,7 +36,7 @@ class Metric:
     def check(self, run: StudyFacts, estimator: str, where: str) -> None:
         """Raise a `UserError` that begins with `where` if the system or the run lacks what is asked for."""
 
-    def reduce(self, view: View, estimator: str, run: StudyFacts) -> Array:
+    def reduce(self, view: StudyView, estimator: str, run: StudyFacts) -> Array:
         """Return samples (trials, columns); NaN in a trial that has none."""
         raise NotImplementedError
 
@@ -115,7 +115,9 @@ class ErrorMetric(TimedMetric):
         return run.unit(self.of)
 
 
-def mean_squares(view: View, metric: ErrorMetric, estimator: str, run: StudyFacts, clip: float | None = None) -> Array:
+def mean_squares(
+    view: StudyView, metric: ErrorMetric, estimator: str, run: StudyFacts, clip: float | None = None
+) -> Array:
     """Return the mean square over the epochs of each trial, shape (trials, 1); errors beyond `clip` count as that."""
     error = np.abs(view.error(estimator, metric.of, metric.epochs(run)))
     return mean_over_epochs((error if clip is None else np.minimum(error, clip)) ** 2)[:, None]

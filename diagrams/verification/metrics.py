@@ -15,7 +15,7 @@ from diagrams.errors import UserError, choose
 from diagrams.state_errors import QUANTITIES
 from diagrams.verification.metric import ErrorMetric, Metric, TimedMetric, mean_over_epochs, mean_squares
 from diagrams.verification.statistics import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean, Statistic
-from diagrams.verification.study_view import StudyFacts, View
+from diagrams.verification.study_view import StudyFacts, StudyView
 from systems.documented import choice, documented, number, text
 
 __all__ = ["METRICS", "MetricChoice", "RmseRatio"]
@@ -30,7 +30,7 @@ class Rmse(ErrorMetric):
 
     clip: float | None = number("larger errors count as this, in the unit of the error", None, above=0)
 
-    def reduce(self, view: View, estimator: str, run: StudyFacts) -> Array:
+    def reduce(self, view: StudyView, estimator: str, run: StudyFacts) -> Array:
         """Return the mean square of each trial."""
         return mean_squares(view, self, estimator, run, self.clip)
 
@@ -51,7 +51,7 @@ class Percentile(ErrorMetric):
     percent: float = number("which percentile", 90.0, above=0, at_most=99.99)
     over_time: str = choice("what an interval makes of a trial: rms, |mean|, std or max", "rms", _MOMENTS)
 
-    def reduce(self, view: View, estimator: str, run: StudyFacts) -> Array:
+    def reduce(self, view: StudyView, estimator: str, run: StudyFacts) -> Array:
         """Return the size of each trial's error."""
         error = view.error(estimator, self.of, self.epochs(run))
         with np.errstate(invalid="ignore"):
@@ -100,7 +100,7 @@ class Mean(ErrorMetric):
         if self.of in ("position", "velocity"):
             raise UserError(f"{where}.of: {self.of} is not allowed; an error with a sign, such as height or x")
 
-    def reduce(self, view: View, estimator: str, run: StudyFacts) -> Array:
+    def reduce(self, view: StudyView, estimator: str, run: StudyFacts) -> Array:
         """Return the mean of each trial."""
         return mean_over_epochs(view.error(estimator, self.of, self.epochs(run)))[:, None]
 
@@ -119,7 +119,7 @@ class Share(ErrorMetric):
 
     within: float = number("how large, in the unit of the error", 0.0, at_least=0)
 
-    def reduce(self, view: View, estimator: str, run: StudyFacts) -> Array:
+    def reduce(self, view: StudyView, estimator: str, run: StudyFacts) -> Array:
         """Return 1 or 0 for each trial."""
         square = mean_squares(view, self, estimator, run)
         return np.where(np.isnan(square), np.nan, square <= self.within**2)
@@ -143,7 +143,7 @@ class DivergenceRate(Metric):
 
     limit_m: float | None = number("position error [m]; by default the scenario's divergence_m", None, above=0)
 
-    def reduce(self, view: View, estimator: str, run: StudyFacts) -> Array:
+    def reduce(self, view: StudyView, estimator: str, run: StudyFacts) -> Array:
         """Return 1 or 0 for each trial; its last epoch is the last with a known truth."""
         error = view.error(estimator, "position", np.arange(run.epochs.size))
         known = ~np.isnan(error)
@@ -171,7 +171,7 @@ class ConvergenceTime(Metric):
         above=0,
     )
 
-    def reduce(self, view: View, estimator: str, run: StudyFacts) -> Array:
+    def reduce(self, view: StudyView, estimator: str, run: StudyFacts) -> Array:
         """Return the squared error at every epoch."""
         return view.error(estimator, "position", np.arange(run.epochs.size)) ** 2
 
@@ -195,7 +195,7 @@ class Nees(TimedMetric):
 
     per_state: bool = documented("divided by the number of states, so that 1 is consistent", False)
 
-    def reduce(self, view: View, estimator: str, run: StudyFacts) -> Array:
+    def reduce(self, view: StudyView, estimator: str, run: StudyFacts) -> Array:
         """Return the mean NEES of each trial."""
         epochs = self.epochs(run)
         mean = mean_over_epochs(view.number("nees", estimator, epochs))[:, None]
@@ -215,7 +215,7 @@ class Nees(TimedMetric):
 class Nis(TimedMetric):
     """The NIS per measured row, 1 for a consistent filter: sum of the NIS over sum of the rows used."""
 
-    def reduce(self, view: View, estimator: str, run: StudyFacts) -> Array:
+    def reduce(self, view: StudyView, estimator: str, run: StudyFacts) -> Array:
         """Return the sums of NIS and rows of each trial."""
         epochs = self.epochs(run)
         nis, rows = view.number("nis", estimator, epochs), view.number("nis_dof", estimator, epochs)
@@ -252,7 +252,7 @@ class Efficiency(ErrorMetric):
         super().check(run, estimator, where)
         choose(f"{where}.of", self.of, [name for name in QUANTITIES if name in run.quantities[estimator]])
 
-    def reduce(self, view: View, estimator: str, run: StudyFacts) -> Array:
+    def reduce(self, view: StudyView, estimator: str, run: StudyFacts) -> Array:
         """Return the mean square of each trial."""
         return mean_squares(view, self, estimator, run)
 
@@ -288,7 +288,7 @@ class RmseRatio(ErrorMetric):
         choose(f"{where}.to", self.to, run.states)
         choose(f"{where}.of", self.of, run.quantities[self.to])
 
-    def reduce(self, view: View, estimator: str, run: StudyFacts) -> Array:
+    def reduce(self, view: StudyView, estimator: str, run: StudyFacts) -> Array:
         """Return the mean squares of each trial."""
         return np.concatenate([mean_squares(view, self, name, run) for name in (estimator, self.to)], axis=-1)
 

@@ -13,7 +13,7 @@ from diagrams.assembly.frame import UNITS, Frame
 from diagrams.state_errors import NEEDED, axis_errors, errors
 from diagrams.states import shared
 
-__all__ = ["StudyFacts", "View"]
+__all__ = ["StudyFacts", "StudyView"]
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def _quantities(states: Sequence[str], judged: Sequence[str], frame: Frame) -> l
     return list(dict.fromkeys([*found, *states]))
 
 
-class View:
+class StudyView:
     """A chunk of a study with its errors, computed once for all requirements.
 
     Parameters

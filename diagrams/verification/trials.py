@@ -16,7 +16,7 @@ from diagrams.errors import UserError, choose
 from diagrams.study import Study
 from diagrams.verification.metrics import RmseRatio
 from diagrams.verification.specification import Requirement, Specification
-from diagrams.verification.study_view import StudyFacts, View
+from diagrams.verification.study_view import StudyFacts, StudyView
 
 __all__ = ["GrowingStudy"]
 
@@ -92,7 +92,7 @@ class GrowingStudy:
         parts: list[list[Array]] = [[] for _ in self.requirements]
         squares: list[float | None] = []
         for chunk in self._study.chunks(self._progress, first, self.looks[k] - first):
-            view = View(chunk)
+            view = StudyView(chunk)
             for r, found in zip(self.requirements, parts, strict=True):
                 found.append(r.measured.reduce(view, r.estimator, self.run))
             if chunk["trial"].values[-1] == self.looks[k] - 1:  # the last chunk carries the bounds

@@ -18,7 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import fft
 
-__all__ = ["Grid", "ambiguity_grid", "plan"]
+__all__ = ["CoarseGrid", "ambiguity_grid", "plan"]
 
 Complex = NDArray[np.complex64]
 
@@ -28,7 +28,7 @@ _PADDING = 2  # grid points per 1/T
 
 
 @dataclass(frozen=True)
-class Grid:
+class CoarseGrid:
     """Which delays and frequencies are computed.
 
     Attributes
@@ -57,7 +57,7 @@ class Grid:
         return 1 / (self.block * self.transform)
 
 
-def plan(samples: int, lags: int, half_frequency: float, more: float) -> Grid:
+def plan(samples: int, lags: int, half_frequency: float, more: float) -> CoarseGrid:
     """Return the grid for a window.
 
     Parameters
@@ -78,10 +78,10 @@ def plan(samples: int, lags: int, half_frequency: float, more: float) -> Grid:
     blocks = -(-samples // block)
     transform = fft.next_fast_len(_PADDING * blocks)
     wanted = math.ceil((half_frequency + more / samples) * block * transform)
-    return Grid(block, blocks, lags, min(wanted, (transform - 1) // 2), transform)
+    return CoarseGrid(block, blocks, lags, min(wanted, (transform - 1) // 2), transform)
 
 
-def ambiguity_grid(first: Complex, second: Complex, grid: Grid) -> NDArray[np.float32]:
+def ambiguity_grid(first: Complex, second: Complex, grid: CoarseGrid) -> NDArray[np.float32]:
     """Return |A|^2 on the grid.
 
     Parameters
@@ -90,7 +90,7 @@ def ambiguity_grid(first: Complex, second: Complex, grid: Grid) -> NDArray[np.fl
         Main channel.
     second : ndarray, shape (trials, n + 2 lags)
         Auxiliary channel, from `lags` samples before to as many after.
-    grid : Grid
+    grid : CoarseGrid
         What `plan` returned.
 
     Returns

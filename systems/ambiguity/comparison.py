@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from systems.ambiguity.coarse import Grid, ambiguity_grid
+from systems.ambiguity.coarse import CoarseGrid, ambiguity_grid
 from systems.ambiguity.differences import Differences, Flag
 from systems.ambiguity.fine import Peak, parabola, refine
 from systems.ambiguity.phasor import phasor
@@ -131,7 +131,7 @@ class Work:
         self,
         part: NDArray[np.intp],
         jobs: Jobs,
-        grid: Grid,
+        grid: CoarseGrid,
         lead: Array,
         healthy: list[Health],
         result: Differences,
@@ -257,7 +257,7 @@ def _energy(z: Complex) -> Array:
 
 
 def _coarse_peak(
-    power: NDArray[np.float32], inside: NDArray[np.bool_], near: NDArray[np.bool_], grid: Grid
+    power: NDArray[np.float32], inside: NDArray[np.bool_], near: NDArray[np.bool_], grid: CoarseGrid
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return where the power is highest inside, (trials, 2) [samples, bins].
 

@@ -1,6 +1,6 @@
 r"""A gate for arrival times: leaves out the one receiver that contradicts the others.
 
-TDOA rows are differences against receiver 0, so one bad receiver i > 0 spoils one row, and a bad receiver 0 all of
+TDOA rows are differences against receiver 0, so one bad receiver i > 0 corrupts one row, and a bad receiver 0 all of
 them. Either can be taken out of the same rows. Each receiver's own error has variance :math:`s^2`, so the differences
 have
 

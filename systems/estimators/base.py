@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
 from systems.clocks import Clock, same_instant
-from systems.counting import count
+from systems.counting import tally
 from systems.estimators.memory import TO_COME, Epoch, Innovation, Memory, Remembered
 from systems.estimators.start import Start
 from systems.filters.whitening import unknown_rows
@@ -280,7 +280,7 @@ class Estimator(EnsembleBlock):
 
     def _calc_prior(self, context: Context) -> Remembered:
         """Return the memory predicted for now, or what is stored where the measurement of now is in it."""
-        count("prior", self)
+        tally("prior", self)
         state = context.get_discrete_state(self._state).value().copy()
 
         def stored(group: str) -> Array:
@@ -318,7 +318,7 @@ class Estimator(EnsembleBlock):
 
     def _calc_posterior(self, context: Context) -> Remembered:
         """Return memory, innovation and which trials have started, after the measurement of now."""
-        count("posterior", self)
+        tally("posterior", self)
         prior: Remembered = self.cached(context, self._prior)
         if prior.current:
             return prior

@@ -11,7 +11,7 @@ from systems.estimators.start import Start
 from systems.filters.gaussian import GaussianFilter
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
-from systems.registry import blamed, in_one_line, lines_of, locate
+from systems.registry import blamed, in_one_line, lines_of, object_at
 
 __all__ = ["Custom"]
 
@@ -36,7 +36,7 @@ class Custom(EstimatorOptions):
             If the class cannot be found, is neither kind, refuses the options, or fails.
         """
         try:
-            kind = locate(self.class_)
+            kind = object_at(self.class_)
         except ValueError as error:
             raise ValueError(f"estimators.{name}.{error}") from error
         try:

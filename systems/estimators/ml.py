@@ -13,7 +13,7 @@ from systems.estimators.bearing_lines import BearingLocator, Lately, Sighting
 from systems.estimators.memory import Epoch, Memory
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.start import Start
-from systems.fixes.bearing_likelihood import BearingHistory, Fit, Prior, fold, maximum_likelihood
+from systems.fixes.bearing_likelihood import BearingHistory, Fit, QuadraticPrior, fold, maximum_likelihood
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 
@@ -80,7 +80,7 @@ class MaximumLikelihood(BearingLocator):
     def locate(self, kept: Memory, sighting: Sighting, mean: Array, covariance: Array) -> tuple[Memory, Array, Array]:
         """See `BearingLocator.locate`."""
         trials, n = mean.shape
-        prior = Prior(kept["anchor"], kept["vector"], kept["information"].reshape(-1, n, n))
+        prior = QuadraticPrior(kept["anchor"], kept["vector"], kept["information"].reshape(-1, n, n))
         new = np.any(np.isnan(prior.anchor), axis=-1) & np.all(np.isfinite(mean), axis=-1)
         if new.any():
             prior = self._begun(prior, new, mean, covariance)
@@ -102,18 +102,20 @@ class MaximumLikelihood(BearingLocator):
         }
         return kept, fit.state, fit.covariance
 
-    def _begun(self, prior: Prior, new: NDArray[np.bool_], mean: Array, covariance: Array) -> Prior:
+    def _begun(self, prior: QuadraticPrior, new: NDArray[np.bool_], mean: Array, covariance: Array) -> QuadraticPrior:
         n = mean.shape[-1]
         information = np.zeros((mean.shape[0], n, n))
         if self.prior:
             information[new] = np.linalg.inv(covariance[new])
-        return Prior(
+        return QuadraticPrior(
             np.where(new[:, None], mean, prior.anchor),
             np.where(new[:, None], 0.0, prior.vector),
             np.where(new[:, None, None], information, prior.information),
         )
 
-    def _fit(self, history: BearingHistory, mean: Array, covariance: Array, prior: Prior, sighting: Sighting) -> Fit:
+    def _fit(
+        self, history: BearingHistory, mean: Array, covariance: Array, prior: QuadraticPrior, sighting: Sighting
+    ) -> Fit:
         model = self.sensor
         if history.places.shape[1] == 0:
             return Fit(mean, covariance, np.zeros(mean.shape[0]))
@@ -126,7 +128,7 @@ class MaximumLikelihood(BearingLocator):
             return fit
         rows = np.flatnonzero(vague)
         again = maximum_likelihood(
-            history.take(rows), model, prior.anchor[rows], Prior(*(field[rows] for field in prior))
+            history.take(rows), model, prior.anchor[rows], QuadraticPrior(*(field[rows] for field in prior))
         )
         likelier = again.cost < fit.cost[rows]
         chosen = rows[likelier]

@@ -25,8 +25,9 @@ class ModifiedGainKalman(GaussianFilter):
     .. math:: K = P H^T S^{-1}, \quad S = H P H^T + R, \qquad \hat x^+ = \hat x + K\,[z - h(\hat x)], \qquad
               P^+ = (I - K g)\,P\,(I - K g)^T + K R K^T
 
-    H is the Jacobian at the prediction, g the model's `secant` at the measurement. Galkowski and Islam, *An alternate
-    derivation of the modified gain function of Song and Speyer*, IEEE Trans. Automatic Control 36 (1991) 1323-1326.
+    H is the Jacobian at the prediction, g the model's `modified_gain` at the measurement. Galkowski and Islam, *An
+    alternate derivation of the modified gain function of Song and Speyer*, IEEE Trans. Automatic Control 36 (1991)
+    1323-1326.
 
     Notes
     -----
@@ -46,17 +47,17 @@ class ModifiedGainKalman(GaussianFilter):
     ) -> Posterior:
         """See `GaussianFilter.update`."""
         value, jacobian = model.linearize(mean, platforms)
-        secant = model.secant(measurement, mean, platforms)
+        modified_gain = model.modified_gain(measurement, mean, platforms)
         innovation = model.residual(measurement, value)
         missing = missing_rows(innovation, jacobian)
         if missing is not None:
             innovation = np.where(missing, 0.0, innovation)
-            jacobian, secant = (np.where(missing[..., None], 0.0, rows) for rows in (jacobian, secant))
+            jacobian, modified_gain = (np.where(missing[..., None], 0.0, rows) for rows in (jacobian, modified_gain))
         weight = whitener.matrix(missing)
         root = cholesky(covariance)
         gains = Gains(root, weight @ (jacobian @ root))
         step, nis = gains.update((weight @ innovation[..., None])[..., 0])
-        posterior = self._covariance(gains, weight @ (secant - jacobian))
+        posterior = self._covariance(gains, weight @ (modified_gain - jacobian))
         return report(mean + step, posterior, innovation, nis, missing)
 
     @staticmethod

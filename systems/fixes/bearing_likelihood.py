@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from systems.filters.linear_algebra import dot
 from systems.measurement.bearing import Bearing
 
-__all__ = ["BearingHistory", "Fit", "Prior", "fold", "maximum_likelihood"]
+__all__ = ["BearingHistory", "Fit", "QuadraticPrior", "fold", "maximum_likelihood"]
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class BearingHistory(NamedTuple):
         return BearingHistory(some(self.angles), some(self.places), some(self.ages), (some(cosine), some(sine)))
 
 
-class Prior(NamedTuple):
+class QuadraticPrior(NamedTuple):
     r"""What is known besides the history: a cost :math:`\tfrac12 (x - a)^T J (x - a) - b^T (x - a)`.
 
     J may be singular: bearings folded in one by one do not determine a mean at first.
@@ -90,7 +90,9 @@ class Fit(NamedTuple):
     cost: Array
 
 
-def _terms(state: Array, history: BearingHistory, model: Bearing, prior: Prior | None) -> tuple[Array, Array, Array]:
+def _terms(
+    state: Array, history: BearingHistory, model: Bearing, prior: QuadraticPrior | None
+) -> tuple[Array, Array, Array]:
     """Return cost (...), gradient of minus the cost (..., n) and information (..., n, n)."""
     n, axes = state.shape[-1], history.places.shape[-1]
     rows, residual = (_azimuths if model.size == 1 else _all_angles)(state, history, model)
@@ -153,12 +155,12 @@ def _all_angles(state: Array, history: BearingHistory, model: Bearing) -> tuple[
     return [flat[..., i] for i in range(n)], np.where(there, residual, 0.0).reshape(flat.shape[:-1])
 
 
-def fold(prior: Prior, state: Array, history: BearingHistory, model: Bearing) -> Prior:
+def fold(prior: QuadraticPrior, state: Array, history: BearingHistory, model: Bearing) -> QuadraticPrior:
     """Return the prior with a history put into it, linearised at `state`.
 
     Parameters
     ----------
-    prior : Prior
+    prior : QuadraticPrior
     state : ndarray, shape (..., n)
         Near the truth by then.
     history : BearingHistory
@@ -167,18 +169,18 @@ def fold(prior: Prior, state: Array, history: BearingHistory, model: Bearing) ->
 
     Returns
     -------
-    Prior
+    QuadraticPrior
     """
     _, gradient, information = _terms(state, history, model, None)
     pulled = np.einsum("...ij,...j->...i", information, state - prior.anchor)
-    return Prior(prior.anchor, prior.vector + gradient + pulled, prior.information + information)
+    return QuadraticPrior(prior.anchor, prior.vector + gradient + pulled, prior.information + information)
 
 
 def maximum_likelihood(
     history: BearingHistory,
     model: Bearing,
     start: Array,
-    prior: Prior | None = None,
+    prior: QuadraticPrior | None = None,
     iterations: int = 30,
     converged: float = 1e-3,
     most_distant: float = 1e6,
@@ -199,7 +201,7 @@ def maximum_likelihood(
         Sensor as it is believed.
     start : ndarray, shape (trials, n)
         Position, or position and velocity, now; a NaN gives NaN.
-    prior : Prior, optional
+    prior : QuadraticPrior, optional
         What is known besides.
     iterations : int
         At most so many.
@@ -233,7 +235,7 @@ def maximum_likelihood(
         trial_state = state[active] + step
         far = np.linalg.norm(trial_state[:, :axes] - centre[active], axis=-1) > most_distant
         part = history if active.size == trials else history.take(active)
-        belief = None if prior is None else Prior(*(field[active] for field in prior))
+        belief = None if prior is None else QuadraticPrior(*(field[active] for field in prior))
         new_cost, new_gradient, new_information = _terms(trial_state, part, model, belief)
         better = (new_cost <= cost[active]) & ~far
         taken = active[better]

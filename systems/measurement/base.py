@@ -53,7 +53,7 @@ class MeasurementModel(ABC):
         """Return `predict` and `jacobian`; a model whose two share work overrides this."""
         return self.predict(target, platforms), self.jacobian(target, platforms)
 
-    def secant(self, measured: Array, target: Array, platforms: Array) -> Array:
+    def modified_gain(self, measured: Array, target: Array, platforms: Array) -> Array:
         r"""Return the modified gain g, shape (..., m, n).
 
         It makes :math:`h(x) - h(\hat x) = g(z, \hat x)(x - \hat x)` exact for z = h(x).

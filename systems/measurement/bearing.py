@@ -92,7 +92,7 @@ class Bearing(MeasurementModel):
         offset = self._offset(target, platforms)
         return self._angles(offset), self._gradient(offset, target.shape[-1])
 
-    def secant(self, measured: Array, target: Array, platforms: Array) -> Array:
+    def modified_gain(self, measured: Array, target: Array, platforms: Array) -> Array:
         r"""Return the modified gain g: for a measurement without noise it makes the linear relation exact.
 
         .. math:: h(x) - h(\hat x) = g(z, \hat x)\,(x - \hat x) \quad\text{for}\quad z = h(x).

@@ -60,9 +60,9 @@ class ChosenRows(MeasurementModel):
         value, jacobian = self.model.linearize(target, platforms)
         return value[..., self._rows], jacobian[..., self._rows, :]
 
-    def secant(self, measured: Array, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.secant`."""
-        return self.model.secant(self._whole(measured), target, platforms)[..., self._rows, :]
+    def modified_gain(self, measured: Array, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.modified_gain`."""
+        return self.model.modified_gain(self._whole(measured), target, platforms)[..., self._rows, :]
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""

@@ -52,10 +52,10 @@ class HorizonBearing(Bearing):
         jacobian[..., :3] = self._gradient(offset, 3) @ rotation
         return self._angles(offset), jacobian
 
-    def secant(self, measured: Array, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.secant`; that of `Bearing`, turned."""
+    def modified_gain(self, measured: Array, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.modified_gain`; that of `Bearing`, turned."""
         offset, rotation = self._turned(target, platforms)
         here = np.zeros((*offset.shape[:-1], self.platform + 1, 3))
         rows = np.zeros((*np.broadcast_shapes(measured.shape[:-1], offset.shape[:-1]), self.size, target.shape[-1]))
-        rows[..., :3] = super().secant(measured, offset, here) @ rotation
+        rows[..., :3] = super().modified_gain(measured, offset, here) @ rotation
         return rows

@@ -91,10 +91,10 @@ class Stack(MeasurementModel):
         ]
         return self._join([value for value, _ in parts], 1), self._join([row for _, row in parts], 2)
 
-    def secant(self, measured: Array, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.secant`."""
+    def modified_gain(self, measured: Array, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.modified_gain`."""
         parts = zip(self._slices, self.models, strict=True)
-        return self._join([model.secant(measured[..., rows], target, platforms) for rows, model in parts], 2)
+        return self._join([model.modified_gain(measured[..., rows], target, platforms) for rows, model in parts], 2)
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 
-from systems.counting import count
+from systems.counting import tally
 
 __all__ = ["solve"]
 
@@ -40,7 +40,7 @@ def solve(
     ValueError
         If there is no solution up to `end`, or it takes more than 400,000 calls of the derivative.
     """
-    count("solved")
+    tally("solved")
     calls = 0
 
     def counted(t: float, x: ArrayLike) -> Array:

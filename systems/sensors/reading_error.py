@@ -19,10 +19,10 @@ Array = NDArray[np.float64]
 
 
 class ReadingError(EnsembleBlock):
-    """Spoil a measurement; put it behind the sensor.
+    """Impair a measurement; put it behind the sensor.
 
-    Input and output ``measurement``. Every row of every trial and tick is spoilt independently; with the same seed a
-    larger rate spoils the same rows and more.
+    Input and output ``measurement``. Every row of every trial and tick is impaired independently; with the same seed a
+    larger rate impairs the same rows and more.
 
     Parameters
     ----------
@@ -79,21 +79,23 @@ class ReadingError(EnsembleBlock):
     def _calc(self, context: Context) -> Array:
         measured = self.read(context, "measurement")
         tick = self.clock.index(context.get_time())
-        return measured if tick is None else self.spoil(measured, self.draw(context), tick)
+        return measured if tick is None else self.impair(measured, self.draw(context), tick)
 
-    def spoil(self, measured: Array, draw: Draw, tick: int) -> Array:
-        """Return the spoilt measurement (trials, m) of one tick."""
+    def impair(self, measured: Array, draw: Draw, tick: int) -> Array:
+        """Return the impaired measurement (trials, m) of one tick."""
         size, name = self.model.size, self.noise_name()
         who = (draw.first_trial, self.trials)
-        spoilt = measured + self._bias
+        impaired = measured + self._bias
         if self._root.shape[1]:
             white = normal(draw.seed, f"{name}:bias", *who, 0, self._root.shape[1])
-            spoilt = spoilt + np.einsum("ij,...j->...i", self._root, white)
+            impaired = impaired + np.einsum("ij,...j->...i", self._root, white)
         if self._outlier_rate:
             struck = uniform(draw.seed, f"{name}:outlier", *who, tick, size) < self._outlier_rate
-            spoilt = spoilt + np.where(struck, self._gross * normal(draw.seed, f"{name}:gross", *who, tick, size), 0.0)
-        spoilt = self.model.represent(spoilt)
+            impaired = impaired + np.where(
+                struck, self._gross * normal(draw.seed, f"{name}:gross", *who, tick, size), 0.0
+            )
+        impaired = self.model.represent(impaired)
         if self._drop_out_rate:
             gone = uniform(draw.seed, f"{name}:drop_out", *who, tick, size) < self._drop_out_rate
-            spoilt = np.where(gone, np.nan, spoilt)
-        return spoilt
+            impaired = np.where(gone, np.nan, impaired)
+        return impaired

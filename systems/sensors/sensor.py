@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
 from systems.clocks import Clock
-from systems.counting import count as note
+from systems.counting import tally
 from systems.filters.linear_algebra import semidefinite_root
 from systems.measurement.base import MeasurementModel
 from systems.measurement.visibility import Mask
@@ -81,7 +81,7 @@ class Sensor(EnsembleBlock):
         )
 
     def _measure(self, context: Context) -> Array:
-        note("reading", self)
+        tally("reading", self)
         tick = self.clock.index(context.get_time())
         if tick is None:
             return np.full((self.trials, self.model.size), np.nan)

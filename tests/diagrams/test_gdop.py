@@ -6,7 +6,7 @@ from diagrams.errors import UserError
 from diagrams.figures.gdop import draw_gdop
 from diagrams.maps.bounds import last_bound, map_bounds
 from diagrams.maps.command import map_figures
-from diagrams.maps.ground import Prior, ground_areas, ground_grid, ground_map
+from diagrams.maps.ground import GroundPrior, ground_areas, ground_grid, ground_map
 from diagrams.three_satellite import SYSTEM
 from diagrams.three_satellite_models import bound_map, measurement_sets, models
 from systems.geodetic import ecef_to_geodetic
@@ -98,7 +98,7 @@ def test_maps_are_those_of_the_reference(formation, acceleration):
     # The reference counts height along the radius at the *first* epoch; see the next test for what is right.
     radial = grid.truth[:, 0, :3] / np.linalg.norm(grid.truth[:, 0, :3], axis=-1, keepdims=True)
     for name, (p1, p2, p5, h1, h05, centre_p, centre_h) in reference.items():
-        covariance = bound_after_pass(scenario, grid, SETS[name], Prior())[:, :3, :3]
+        covariance = bound_after_pass(scenario, grid, SETS[name], GroundPrior())[:, :3, :3]
         position = np.sqrt(np.trace(covariance, axis1=-2, axis2=-1)) / 1e3
         height = np.sqrt((radial[:, None, :] @ covariance @ radial[..., None])[:, 0, 0]) / 1e3
         for bound, limit, area in (
@@ -118,7 +118,7 @@ def test_height_is_that_of_the_place_at_the_last_epoch():
     scenario = scenario_of("coplanar", 0.1)
     found = gdop_map(scenario, {"one": SETS["TDOA+phA"]}, extent_km=0.0)
     grid = ground_grid(scenario, extent_km=0.0)
-    covariance = bound_after_pass(scenario, grid, SETS["TDOA+phA"], Prior())[0, :3, :3]
+    covariance = bound_after_pass(scenario, grid, SETS["TDOA+phA"], GroundPrior())[0, :3, :3]
     small = 1e-3  # so that the curvature of the Earth does not matter
     rng = np.random.default_rng(0)
     drawn = small * np.einsum("ij,nj->ni", np.linalg.cholesky(covariance), rng.standard_normal((40_000, 3)))

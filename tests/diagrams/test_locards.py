@@ -20,7 +20,7 @@ from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.arrival_gate import KEPT
 from systems.geodetic import ecef_to_geodetic, geodetic_state, geodetic_to_ecef
 from systems.measurement.refractivity import mean_refractivity
-from systems.registry import locate
+from systems.registry import object_at
 from systems.sensors.recorded import Recording
 from systems.signals import leaf_systems
 from tests.fitting import check_fits
@@ -149,7 +149,7 @@ def test_a_broken_file_is_named(folder):
 
 
 def test_the_folder_is_found_or_the_ways_to_name_it_are(folder, monkeypatch):
-    dataset = locate(REPLAYS["locards"])
+    dataset = object_at(REPLAYS["locards"])
     monkeypatch.delenv("QUIETFIX_DATA", raising=False)
     assert data_folder(dataset, folder.parent) == folder
     assert data_folder(dataset, folder) == folder

@@ -53,7 +53,7 @@ from systems.motion.pass_oscillator import PassOscillator
 from systems.motion.random_walk import RandomWalk
 from systems.motion.side_by_side import SideBySide
 from systems.motion.stationary import Stationary
-from systems.registry import ESTIMATORS, locate
+from systems.registry import ESTIMATORS, object_at
 
 # ------------------------------------------------------------------------------------------------ geometries
 
@@ -383,6 +383,6 @@ def estimators():
     for name, path in ESTIMATORS.items():
         if name in (*OWN_SENSOR, *BEARINGS_ONLY, *SAMPLED):
             continue
-        for i, options in enumerate(EXAMPLES.get(name) or [locate(path)()]):
+        for i, options in enumerate(EXAMPLES.get(name) or [object_at(path)()]):
             cases[f"{name} {i}" if i else name] = options
     return cases

@@ -8,7 +8,7 @@ from systems.estimators.base import Wiring
 from systems.estimators.start import GivenStart
 from systems.measurement.relative_kinematics import ROWS
 from systems.motion.orbital import OrbitalMotion
-from systems.registry import ESTIMATORS, locate
+from systems.registry import ESTIMATORS, object_at
 from tests.laws.cases import OWN_SENSOR
 from tests.laws.rig import PORTS, assert_same, run, with_gaps
 from tests.systems.ranging_scene import EARTH, PRIOR, TARGET, measurements, sensor
@@ -20,7 +20,7 @@ PARTS = {"1": slice(37, 38), "7": slice(20, 27)}
 
 def estimators():
     """Options by name; those that can look ahead do not, since a feed cannot."""
-    options = {name: locate(ESTIMATORS[name])() for name in OWN_SENSOR}
+    options = {name: object_at(ESTIMATORS[name])() for name in OWN_SENSOR}
     for each in options.values():
         if hasattr(each, "look_ahead"):
             each.look_ahead = False

@@ -7,7 +7,7 @@ from scipy.stats import chi2
 
 from systems.estimators.bearing_start import BearingStart
 from systems.estimators.range_parameterised import intervals
-from systems.fixes.bearing_likelihood import BearingHistory, Prior, fold, maximum_likelihood
+from systems.fixes.bearing_likelihood import BearingHistory, QuadraticPrior, fold, maximum_likelihood
 from systems.fixes.crossing import Lines, crossing, crossing_covariance, crossing_sigma, instrumental_variable
 from systems.fixes.von_mises import concentration, robust_fix, von_mises_fix
 from systems.measurement.bearing import Bearing, from_compass, to_compass
@@ -46,13 +46,13 @@ def test_modified_gain_is_exact(model):
     platform = rng.uniform(-50e3, 50e3, (1, 1, 6))
     measured = model.predict(truth, platform)
     left = model.residual(measured, model.predict(guess, platform))
-    right = np.einsum("...mn,...n->...m", model.secant(measured, guess, platform), truth - guess)
+    right = np.einsum("...mn,...n->...m", model.modified_gain(measured, guess, platform), truth - guess)
     # beyond a right angle between plane and bearing the elevation runs over the pole
     turned = np.abs(left[:, 0]) < np.pi / 2
     np.testing.assert_allclose(right[:, 0], left[:, 0], rtol=1e-9)
     np.testing.assert_allclose(right[turned], left[turned], rtol=1e-7, atol=1e-9)
     # and at the measurement of the guess itself it is the Jacobian
-    own = model.secant(model.predict(guess, platform), guess, platform)
+    own = model.modified_gain(model.predict(guess, platform), guess, platform)
     np.testing.assert_allclose(own, model.jacobian(guess, platform), rtol=1e-9, atol=1e-15)
 
 
@@ -188,7 +188,7 @@ def test_folding_bearings_into_a_prior_loses_little():
     early = maximum_likelihood(
         BearingHistory.of(azimuth[:, :500, None], TRACK[None, :500]), model, np.tile(TARGET, (50, 1)), converged=1e-9
     )
-    nothing = Prior(np.tile([20e3, 30e3], (50, 1)), np.zeros((50, 2)), np.zeros((50, 2, 2)))
+    nothing = QuadraticPrior(np.tile([20e3, 30e3], (50, 1)), np.zeros((50, 2)), np.zeros((50, 2, 2)))
     old = BearingHistory.of(azimuth[:, :500, None], TRACK[None, :500])
     prior = fold(nothing, early.state, old, model)
     both = maximum_likelihood(

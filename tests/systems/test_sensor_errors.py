@@ -28,7 +28,7 @@ def body(carrier):
     return nadir_frame_earth_fixed(carrier[..., :3], carrier[..., 3:])
 
 
-def spoilt(block, measured, inputs=(), draw=None):
+def impaired(block, measured, inputs=(), draw=None):
     """What comes out of a block that is given one measurement."""
     builder = DiagramBuilder()
     builder.AddSystem(block)
@@ -60,7 +60,7 @@ def test_turned_interferometer():
     block = AttitudeError(PHASE, PHASE.names, 2, 1, vector, body=body)
     exact = wrap(PHASE.predict(TARGET, SATELLITE[None]))
     given = np.stack([exact, [np.nan, exact[1]]])
-    found = spoilt(block, given, {"target": TARGET, "platforms": SATELLITE})
+    found = impaired(block, given, {"target": TARGET, "platforms": SATELLITE})
     np.testing.assert_allclose(wrap(found[0] - expected), 0, atol=1e-9)
     assert np.isnan(found[1, 0]) and found[1, 1] == found[0, 1]
 
@@ -96,7 +96,7 @@ def test_turned_axes_of_angles_and_rates():
 def test_heading_in_the_plane():
     model = Bearing(0.01)
     block = AttitudeError(model, model.names, 1, 1, [0, 0, 0.1], target_size=2, axes=2)
-    found = spoilt(block, [[0.3]], {"target": [1e4, 3e3], "platforms": np.zeros(6)})
+    found = impaired(block, [[0.3]], {"target": [1e4, 3e3], "platforms": np.zeros(6)})
     np.testing.assert_allclose(found, [[0.2]], atol=1e-12)
 
 
@@ -120,31 +120,31 @@ def test_offsets_of_clocks_share_the_reference():
     model = Bearing(0.01, 0.01)
     block = ReadingError(model, CLOCK, 4000, bias=[0.5, -0.5], bias_root=root)
     model.represent = lambda value: value  # lengths here, not angles
-    found = spoilt(block, np.zeros((4000, 2)))
+    found = impaired(block, np.zeros((4000, 2)))
     np.testing.assert_allclose(found.mean(axis=0), [0.5, -0.5], atol=4 * 3 * np.sqrt(2 / 4000))
     np.testing.assert_allclose(np.cov(found.T), 9 * np.array([[2, 1], [1, 2]]), atol=4 * 18 * np.sqrt(2 / 4000))
     # constant through a run
-    np.testing.assert_array_equal(block.spoil(np.zeros((4000, 2)), Draw(3), 9), found)
+    np.testing.assert_array_equal(block.impair(np.zeros((4000, 2)), Draw(3), 9), found)
 
 
 def test_rates_of_gross_errors_and_missing_rows():
-    """Shares within 4 sigma of 4000 trials; a larger rate spoils the same rows and more; other rows untouched."""
+    """Shares within 4 sigma of 4000 trials; a larger rate impairs the same rows and more; other rows untouched."""
     zero = np.zeros((4000, 1))
-    few, many = (spoilt(reading(outlier_rate=rate), zero) for rate in (0.1, 0.3))
+    few, many = (impaired(reading(outlier_rate=rate), zero) for rate in (0.1, 0.3))
     assert abs((few != 0).mean() - 0.1) < 4 * np.sqrt(0.09 / 4000)
     assert np.all(many[few != 0] == few[few != 0])
     np.testing.assert_allclose(few[few != 0].std(), 20 * 0.01, rtol=4 / np.sqrt(2 * 400))
-    gone = [np.isnan(spoilt(reading(drop_out_rate=rate), zero)) for rate in (0.2, 0.5)]
+    gone = [np.isnan(impaired(reading(drop_out_rate=rate), zero)) for rate in (0.2, 0.5)]
     assert abs(gone[0].mean() - 0.2) < 4 * np.sqrt(0.16 / 4000)
     assert gone[1][gone[0]].all()
-    assert np.all(spoilt(reading(drop_out_rate=0.2), zero)[~gone[0]] == 0)
-    assert np.isnan(spoilt(reading(drop_out_rate=1.0), zero)).all()
+    assert np.all(impaired(reading(drop_out_rate=0.2), zero)[~gone[0]] == 0)
+    assert np.isnan(impaired(reading(drop_out_rate=1.0), zero)).all()
 
 
 def test_a_trial_alone_is_the_same():
     options = {"outlier_rate": 0.5, "drop_out_rate": 0.3, "bias_root": [[0.1]]}
-    batch = reading(50, **options).spoil(np.zeros((50, 1)), Draw(1), 4)
-    alone = reading(1, **options).spoil(np.zeros((1, 1)), Draw(1, 37), 4)
+    batch = reading(50, **options).impair(np.zeros((50, 1)), Draw(1), 4)
+    alone = reading(1, **options).impair(np.zeros((1, 1)), Draw(1, 37), 4)
     np.testing.assert_array_equal(alone, batch[37:38])
 
 
