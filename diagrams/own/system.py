@@ -107,7 +107,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         return Assumed(used_rows(sensors, options, name), motion, start(name, options, seen), seen, takes)
 
     own = _own_parts(scenario)
-    begins = [platforms, Target(scenario, flight, path, clock), *own["sensors"]]
+    begins: list[Part] = [platforms, Target(scenario, flight, path, clock), *own["sensors"]]
     return Model(
         clock=clock,
         duration=duration,

@@ -70,7 +70,8 @@ def test_the_module_is_that_of_the_readme():
         return ast.unparse(tree)
 
     (block,) = [block for block in BLOCKS if block.startswith("# mine.py")]
-    assert bare(new.new_files("drone", python=True)["drone.py"]).replace("SYSTEM", "DRONE") == bare(block)
+    written = bare(new.new_files("four_stations", python=True)["four_stations.py"])
+    assert written.replace("SYSTEM", "DRONE").replace("four_stations", "drone") == bare(block)
 
 
 @pytest.mark.parametrize(
