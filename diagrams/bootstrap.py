@@ -16,7 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-__all__ = ["Interval", "PairedBootstrap", "Replicates", "best_of", "certainly_positive", "interval", "log_ratio"]
+__all__ = [
+    "Interval",
+    "OneTrial",
+    "PairedBootstrap",
+    "Replicates",
+    "best_of",
+    "certainly_positive",
+    "interval",
+    "log_ratio",
+]
 
 Array = NDArray[np.float64]
 
@@ -120,6 +129,22 @@ class PairedBootstrap:
             ]
         )
         return Replicates(function(means(everybody))[0], resampled, left_out)
+
+
+class OneTrial(PairedBootstrap):
+    """The same of a single trial, of which nobody knows how far chance moves it: no interval is finite."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+
+    def __post_init__(self) -> None:
+        """Allow what the class refuses."""
+
+    def apply(self, samples: Array, function: Callable[[Array], Array]) -> Replicates:
+        """See `PairedBootstrap.apply`; resamples and jackknife are NaN."""
+        value = function(samples[:1])[0]
+        unknown = np.full((1, *value.shape), np.nan)
+        return Replicates(value, unknown, unknown)
 
 
 def interval(found: Replicates, confidence: float = 0.95) -> Interval:

@@ -266,7 +266,9 @@ def compare(
             "the scenario, and ekf, iekf, ukf, pf]",
         ),
     ] = None,
-    trials: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Monte Carlo trials.")] = 100,
+    trials: Annotated[
+        int | None, typer.Option(parser=_whole, metavar="N", help="Monte Carlo trials.  [default: 100; all tracks]")
+    ] = None,
     seed: Annotated[int, typer.Option(parser=_whole, metavar="N", help="Seed of all noise.")] = 0,
     at: Annotated[
         float | None, typer.Option(parser=_number, metavar="T", help="RMSE at this time [s].  [default: the end]")
@@ -275,13 +277,14 @@ def compare(
     scenario: Annotated[Path | None, _SCENARIO] = None,
     format_: Annotated[str, typer.Option("--format", help="table or markdown.")] = "table",
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write comparison.json, results, figures.")] = None,
+    data: Annotated[list[Path] | None, _DATA] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
 ) -> None:
     """Compare estimators on one stream of measurements: errors, bounds, consistency, cost, who is the best."""
     from diagrams.comparing import compare_command
 
     options = {"estimators": estimators, "trials": trials, "seed": seed, "set": settings, "scenario": scenario}
-    compare_command(systems, options, at, format_, out, overwrite)
+    compare_command(systems, options | {"data": data}, at, format_, out, overwrite)
 
 
 @app.command()

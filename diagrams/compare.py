@@ -34,21 +34,23 @@ def prepare(
     variant: str | None = None,
     scenario: Any = None,
     estimators: Sequence[str] | None = None,
-    trials: int = 100,
+    trials: int | None = None,
     seed: int = 0,
     set: Sequence[str] | None = None,
 ) -> tuple[ComparedStudy, Lineup]:
     """Return the study of a comparison, ready to run, and who takes part; arguments as in `compare`."""
     found = find(system, variant)
-    if isinstance(trials, int) and trials == 1:
+    recording = found.system.recording is not None
+    if isinstance(trials, int) and trials == 1 and not recording:
         raise UserError("trials: 1 is not allowed; intervals over trials need at least 2")
     scenario = found.system.resolve(found.variant, scenario, set)
     chosen = line_up(found, scenario, estimators)
     if not chosen.names:
         raise UserError("estimators: none is given; at least one is needed")
     epochs = len(chosen.model.clock.ticks(chosen.model.duration))
-    if epochs * trials > _MOST and chosen.lighter:
-        too_many = f"{epochs} epochs of {trials} trials would take it very long; --estimator asks for it all the same"
+    count = 1 if recording else 100 if trials is None else trials
+    if epochs * count > _MOST and chosen.lighter:
+        too_many = f"{epochs} epochs of {count} trials would take it very long; --estimator asks for it all the same"
         chosen = dataclasses.replace(
             chosen,
             names=[one for one in chosen.names if one not in chosen.lighter],
@@ -61,7 +63,7 @@ def prepare(
         estimators=chosen.names,
         trials=trials,
         seed=seed,
-        every=math.ceil(epochs / _EPOCHS),
+        every=1 if recording else math.ceil(epochs / _EPOCHS),
         model=chosen.model,
     )
     return study, chosen
@@ -73,7 +75,7 @@ def compare(
     variant: str | None = None,
     scenario: Any = None,
     estimators: Sequence[str] | None = None,
-    trials: int = 100,
+    trials: int | None = None,
     seed: int = 0,
     set: Sequence[str] | None = None,
     at: float | None = None,
@@ -84,7 +86,7 @@ def compare(
     Parameters
     ----------
     system, variant, scenario, trials, seed, set
-        As of `diagrams.run_study`; at least 2 trials.
+        As of `diagrams.run_study`; at least 2 trials, unless it is a recording.
     estimators : sequence of str, optional
         See `line_up`; by default those of the scenario and those of `STANDARD` that the system takes.
     at : float, optional

@@ -13,9 +13,10 @@ from diagrams.assembly.find import Found, find
 from diagrams.candidates import Lineup
 from diagrams.compare import prepare
 from diagrams.compared_study import ComparedStudy
-from diagrams.comparison import comparison_statistics
+from diagrams.comparison import check_at, comparison_statistics
 from diagrams.errors import UserError, choose
 from diagrams.output import OutputFolder
+from diagrams.recordings import with_data
 from diagrams.results import open_result, write_summary
 from diagrams.study import join
 from diagrams.tables import Column, Styled, Table, lost, number, print_table, with_interval
@@ -44,8 +45,13 @@ def compare_command(
         if path is not None:
             OutputFolder.check(path, overwrite)
     # before anything runs: mistakes show early
-    prepared = [(found.title, *prepare(found, **options)) for found in chosen_systems]
-    _check_time(prepared, at)
+    data, settings = options.get("data"), options.get("set")
+    asked = {key: value for key, value in options.items() if key not in ("data", "set")}
+    prepared = [
+        (found.title, *prepare(found, set=with_data(found, settings, data), **asked)) for found in chosen_systems
+    ]
+    for _, study, _ in prepared:
+        check_at(study, at)
     done = []
     for name, study, chosen in prepared:
         folder = folders[name]
@@ -70,15 +76,6 @@ def _folders(systems: Sequence[Found], out: Path | None) -> dict[str, Path | Non
             raise UserError(f"SYSTEM: {found.title} is not allowed with --out; another one is called {found.slug}, too")
         folders[found.title] = path
     return folders
-
-
-def _check_time(prepared: Sequence[tuple[str, ComparedStudy, Lineup]], at: float | None) -> None:
-    if at is None:
-        return
-    for name, study, _ in prepared:
-        ticks = study.model.clock.ticks(study.model.duration)
-        if not ticks[0] <= at <= ticks[-1]:
-            raise UserError(f"at: {at:g} is not allowed; {name} runs from {ticks[0]:g} to {ticks[-1]:g} s")
 
 
 def _one(study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | None, overwrite: bool) -> dict[str, Any]:
@@ -120,8 +117,15 @@ def _one(study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | Non
 def comparison_table(found: Mapping[str, Any]) -> Table:
     """Return the table of one comparison, as `diagrams.compare.comparison_statistics` gives it."""
     name = found["system"] + (f":{found['variant']}" if found["variant"] else "")
-    when = f"{found['time_s']:g} s"
-    titles = (f"RMSE at {when} [m]", "mean RMSE [m]", "median [m]", "RMSE/bound", "NEES/n", "diverged", "us")
+    titles = (
+        f"RMSE at {time_words(found)} [m]",
+        "mean RMSE [m]",
+        "median [m]",
+        "RMSE/bound",
+        "NEES/n",
+        "diverged",
+        "us",
+    )
     table = Table(f"{name}, {found['trials']} trials, seed {found['seed']}", [Column("estimator"), *titles])
     for row in _rows(found):
         table.add(*(_starred(cell) for cell in row))
@@ -139,7 +143,7 @@ def comparison_markdown(found: Sequence[Mapping[str, Any]]) -> str:
     lines = ["| " + " | ".join(titles) + " |", "|" + "---|" * len(titles)]
     for one in found:
         name = one["system"] + (f":{one['variant']}" if one["variant"] else "")
-        lines.append(f"| **{name}**, {one['time_s']:g} s |" + " |" * (len(titles) - 1))
+        lines.append(f"| **{name}**, {time_words(one)} |" + " |" * (len(titles) - 1))
         named = (f"`{row[0]}`".replace(" (not causal)`", "` (not causal)") for row in _rows(one))
         lines += [f"| {n} | " + " | ".join(row[1:]) + " |" for n, row in zip(named, _rows(one), strict=True)]
     first = found[0]
@@ -149,6 +153,11 @@ def comparison_markdown(found: Sequence[Mapping[str, Any]]) -> str:
     facts = f"{first['trials']} trials, seed {first['seed']}; {first['machine']}; {seconds}."
     lines += ["", f"{facts} {_legend(first)}", *extra]
     return "\n".join(lines) + "\n"
+
+
+def time_words(found: Mapping[str, Any]) -> str:
+    """Return when the errors of a comparison are taken."""
+    return "the end of each track" if found["time_s"] is None else f"{found['time_s']:g} s"
 
 
 def _rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
@@ -183,6 +192,12 @@ def _rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 def _legend(found: Mapping[str, Any]) -> str:
     percent = f"{100 * found['confidence']:g} %"
+    if found["trials"] == 1:
+        return (
+            "One track of a recording: how far chance moves these numbers is not known, and nobody is significantly "
+            f"the best. {_NOT_EFFICIENT}: the truth does not move as the filter believes, so this is no efficiency. "
+            "us: processor time of the estimator's own mathematics per step."
+        )
     return (
         f"In brackets: {percent} intervals (paired bootstrap over the trials). Bold or *: smallest, and significantly "
         f"so against every other causal one ({found['correction']}, {percent} together). {_NOT_EFFICIENT}: the truth "
@@ -199,7 +214,7 @@ def print_notes(found: Mapping[str, Any]) -> None:
         say(f"A prediction is fed back: {', '.join(found['feedback'])}.")
     for metric, words in (("rmse_position_m", "RMSE"), ("armse_position_m", "mean RMSE")):
         best = found["best"][metric]
-        if best is None or best["runner_up"] is None:
+        if best is None or best["runner_up"] is None or found["trials"] == 1:
             continue
         ratio = best["ratio"][best["runner_up"]]
         say(

@@ -11,9 +11,10 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from diagrams.bootstrap import Interval, PairedBootstrap, Replicates, best_of, interval
+from diagrams.bootstrap import Interval, OneTrial, PairedBootstrap, Replicates, best_of, interval
 from diagrams.candidates import Lineup
 from diagrams.compared_study import ComparedStudy
+from diagrams.epochs import from_the_end
 from diagrams.errors import UserError
 from diagrams.json_numbers import json_numbers
 from diagrams.metrics import causal, diverged, median, not_started
@@ -21,7 +22,7 @@ from diagrams.starting import why_not_started
 from diagrams.state_errors import errors
 from diagrams.summary_entries import interval_entry, machine, nearest_epoch, nees_entry, run_entry
 
-__all__ = ["comparison_statistics"]
+__all__ = ["check_at", "comparison_statistics"]
 
 Array = NDArray[np.float64]
 
@@ -64,15 +65,18 @@ def comparison_statistics(
     """
     if not 0 < confidence < 1:
         raise UserError(f"confidence: {confidence} is not allowed; between 0 and 1")
+    check_at(study, at)
+    dataset = from_the_end(dataset)
     times = np.asarray(dataset["time"].values, dtype=float)
     epoch = nearest_epoch(times, at)
-    draws = PairedBootstrap(dataset.sizes["trial"], resamples)
+    draws = OneTrial() if dataset.sizes["trial"] == 1 else PairedBootstrap(dataset.sizes["trial"], resamples)
     rows, replicates, squared = _rows(dataset, study, draws, epoch, confidence)
     best = _Best(rows, replicates, squared, draws, epoch, confidence)
     return {
         **run_entry(dataset),
         "machine": machine(),
-        "time_s": float(times[epoch]),
+        # tracks have no time in common, but each has an end
+        "time_s": None if study.of_tracks else float(times[epoch]),
         "confidence": confidence,
         "resamples": resamples,
         "correction": "Bonferroni over the comparisons of the best with all others",
@@ -85,6 +89,26 @@ def comparison_statistics(
         "estimators": rows,
         "best": {metric: best.of(column) for column, metric in enumerate(("rmse_position_m", "armse_position_m"))},
     }
+
+
+def check_at(study: ComparedStudy, at: float | None) -> None:
+    """Refuse a time that a study does not have.
+
+    Raises
+    ------
+    UserError
+        Saying which there are.
+    """
+    if at is None:
+        return
+    if study.of_tracks:
+        raise UserError(
+            f"at: {at:g} is not allowed for {study.found.title}; its tracks have no time in common, and are compared "
+            "at their ends"
+        )
+    ticks = study.model.clock.ticks(study.model.duration)
+    if not ticks[0] <= at <= ticks[-1]:
+        raise UserError(f"at: {at:g} is not allowed; {study.found.title} runs from {ticks[0]:g} to {ticks[-1]:g} s")
 
 
 def _rows(
@@ -171,6 +195,8 @@ class _Best:
         self._draws, self._epoch, self._confidence = draws, epoch, confidence
 
     def _finer(self) -> list[Replicates]:
+        if isinstance(self._draws, OneTrial):
+            return list(self._replicates)
         draws = dataclasses.replace(self._draws, resamples=_FINER * self._draws.resamples)
         return [_resampled(one, draws, self._epoch) for one in self._squared]
 

@@ -7,6 +7,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
+from diagrams.epochs import along
 from diagrams.state_errors import scored
 
 __all__ = ["chi_square_band", "nees_statistics", "nis_statistics"]
@@ -60,7 +61,7 @@ def nees_statistics(dataset: xr.Dataset, confidence: float = 0.95) -> xr.Dataset
         ``mean``, ``lower``, ``upper``, ``trials``: how many have a NEES, the others are left out; ``freedom``
         (estimator): its degrees of freedom, the number of components that are `scored`.
     """
-    nees = dataset["nees"].transpose("estimator", "trial", "time")
+    nees = dataset["nees"].transpose("estimator", "trial", along(dataset))
     known = nees.notnull()
     trials = known.sum("trial")
     mean = nees.where(known, 0.0).sum("trial") / trials.where(trials > 0)
@@ -86,8 +87,8 @@ def nis_statistics(dataset: xr.Dataset, confidence: float = 0.95) -> xr.Dataset:
         ``mean`` and ``dof_mean`` over the trials that have a NIS; ``ratio``: sum of the NIS over sum of the degrees of
         freedom, 1 for a consistent filter, with ``lower`` and ``upper``.
     """
-    nis = dataset["nis"].transpose("estimator", "trial", "time")
-    freedom = dataset["nis_dof"].transpose("estimator", "trial", "time")
+    nis = dataset["nis"].transpose("estimator", "trial", along(dataset))
+    freedom = dataset["nis_dof"].transpose("estimator", "trial", along(dataset))
     known = nis.notnull() & (freedom > 0)
     trials = known.sum("trial")
     total, summed = nis.where(known, 0.0).sum("trial"), freedom.where(known, 0.0).sum("trial")

@@ -28,8 +28,8 @@ class Scores:
 
     Attributes
     ----------
-    error : ndarray, shape (2, messages, trials, 2)
-        East and north error of the two `METHODS` [m]; NaN where there is no fix.
+    error : ndarray, shape (estimates, messages, trials, 2)
+        East and north error of each, such as the two `METHODS` [m]; NaN where there is no fix.
     heading : ndarray, shape (messages, 2)
         Unit vector of the course (east, north); NaN where no other position is near enough in time.
     excluded : ndarray, shape (messages, trials)
@@ -41,7 +41,7 @@ class Scores:
     size : ndarray of int, shape (messages,)
         Messages of the same aircraft in the set.
     fix : ndarray, shape (messages, 2)
-        Latitude and longitude of the fix with the gate, as recorded [rad]; NaN where there is none.
+        Latitude and longitude of the first estimate, as recorded [rad]; NaN where there is none.
     sigma : ndarray, shape (messages, trials)
         What was believed of a time difference, as a length [m].
     """
@@ -68,17 +68,17 @@ class Scores:
 
     @property
     def horizontal(self) -> Array:
-        """Horizontal error [m], shape (2, messages, trials)."""
+        """Horizontal error [m], shape (estimates, messages, trials)."""
         return np.hypot(self.error[..., 0], self.error[..., 1])
 
     @property
     def along(self) -> Array:
-        """Error along the course [m], ahead positive, shape (2, messages, trials)."""
+        """Error along the course [m], ahead positive, shape (estimates, messages, trials)."""
         return np.einsum("kmti,mi->kmt", self.error, self.heading)
 
     @property
     def across(self) -> Array:
-        """Error across the course [m], to the right positive, shape (2, messages, trials)."""
+        """Error across the course [m], to the right positive, shape (estimates, messages, trials)."""
         right = np.stack([self.heading[:, 1], -self.heading[:, 0]], axis=-1)
         return np.einsum("kmti,mi->kmt", self.error, right)
 
@@ -87,7 +87,9 @@ class Scores:
         """Which messages are of aircraft with at least five."""
         return self.size >= _MANY
 
-    def summary(self, trial: int, which: NDArray[np.bool_] | None = None) -> dict[str, Any]:
+    def summary(
+        self, trial: int, which: NDArray[np.bool_] | None = None, methods: Sequence[str] = METHODS
+    ) -> dict[str, Any]:
         """Return counts, shares and percentiles of some messages in one trial; null where there are none.
 
         Parameters
@@ -96,10 +98,12 @@ class Scores:
             0 as recorded, 1 with faults.
         which : ndarray of bool, shape (messages,), optional
             All, if not given.
+        methods : sequence of str
+            Names of the estimates.
         """
         chosen = self.known if which is None else self.known & which
         result: dict[str, Any] = {"messages": int(np.count_nonzero(chosen))}
-        for k, method in enumerate(METHODS):
+        for k, method in enumerate(methods):
             error = self.horizontal[k, chosen, trial]
             found = error[np.isfinite(error)]
             result[method] = {
@@ -142,8 +146,8 @@ def score(track: Track, size: int, estimates: Array, excluded: Array, sigma: Arr
         The messages.
     size : int
         Messages of the aircraft in the whole set.
-    estimates : ndarray, shape (2, messages, trials, 3)
-        Earth-fixed positions of the two `METHODS`; NaN where there is no fix.
+    estimates : ndarray, shape (estimates, messages, trials, 3)
+        Earth-fixed positions; NaN where there is no fix.
     excluded : ndarray, shape (messages, trials)
         What the gate left out.
     sigma : ndarray, shape (trials,)

@@ -1,8 +1,20 @@
-"""What ``quietfix replay locards --set KEY=VALUE`` changes."""
+"""The scenario of `diagrams.locards`: what ``--set KEY=VALUE`` changes."""
 
-from dataclasses import dataclass
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Union
 
+from diagrams.errors import choose
 from systems.documented import count, documented, number, text
+from systems.estimators.iekf import Iekf
+from systems.registry import ESTIMATORS, estimator_options, object_at
+
+if TYPE_CHECKING:
+    from systems.estimators.options import EstimatorOptions
+
+    EstimatorChoice = EstimatorOptions
+else:
+    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
 __all__ = ["FALLBACK_M", "LEAST_M", "Settings"]
 
@@ -22,7 +34,10 @@ class Settings:
     height above the ellipsoid differ by the weather and by the geoid: -100 to +220 m in the packaged sets.
     """
 
-    estimator: str = text("name of an estimator, see `quietfix list`", "iekf")
+    data: str = text("folder of the recording; empty: the environment variable QUIETFIX_DATA names it", "")
+    estimator: str = text(
+        "short for two estimators of that name in the place of those below, one with the gate, one without it", ""
+    )
     sigma_tdoa_m: float = number(
         "standard deviation of a time difference, as a length; 0: from the residuals of each set as a whole",
         0.0,
@@ -46,8 +61,24 @@ class Settings:
     )
     fault_share: float = number("which share of the messages it strikes", 0.2, at_least=0.0, at_most=1.0)
     seed: int = count("which messages and receivers it strikes", 0, at_least=0)
+    divergence_km: float = number("an error at the end of a track beyond which it is lost", 20.0, above=0)
+    without_gate: list[str] = documented(
+        "estimators that get the messages as they are; the others get what the gate leaves of them",
+        factory=lambda: ["iekf_no_gate"],
+    )
+    estimators: dict[str, EstimatorChoice] = documented(
+        "the estimators and their options", factory=lambda: {"iekf": Iekf(), "iekf_no_gate": Iekf()}
+    )
 
     @property
     def trials(self) -> int:
         """As recorded, and with faults."""
         return 2 if self.fault_m > 0 and self.fault_share > 0 else 1
+
+    def completed(self) -> "Settings":
+        """Return the settings with the two estimators that `estimator` is short for."""
+        if not self.estimator:
+            return self
+        make = object_at(ESTIMATORS[choose("estimator", self.estimator, ESTIMATORS)])
+        bare = f"{self.estimator}_no_gate"
+        return replace(self, estimator="", without_gate=[bare], estimators={self.estimator: make(), bare: make()})

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from diagrams.assembly.frame import UNITS
 from diagrams.consistency import nees_statistics, nis_statistics
+from diagrams.epochs import along, by_number
 from diagrams.json_numbers import json_numbers
 from diagrams.state_errors import BOUNDS, QUANTITIES, axis_errors, errors
 
@@ -175,7 +176,8 @@ def not_started(dataset: xr.Dataset) -> xr.DataArray:
         Such a trial has no error to be counted in an RMSE, as a lost one has: it is counted apart.
     """
     error = errors(dataset)["position"]
-    return error.notnull().any("time") & ~(abs(error) < np.inf).any("time")
+    axis = along(error)
+    return error.notnull().any(axis) & ~(abs(error) < np.inf).any(axis)
 
 
 def _limit(dataset: xr.Dataset, limit: float | None) -> float:
@@ -184,8 +186,9 @@ def _limit(dataset: xr.Dataset, limit: float | None) -> float:
 
 def _diverged(position: xr.DataArray, limit: float) -> xr.DataArray:
     known = position.notnull()
-    last = known.sizes["time"] - 1 - known.isel(time=slice(None, None, -1)).argmax("time")
-    return position.isel(time=last).drop_vars("time", errors="ignore") > limit
+    axis = along(position)
+    last = known.sizes[axis] - 1 - known.isel({axis: slice(None, None, -1)}).argmax(axis)
+    return position.isel({axis: last}).drop_vars("time", errors="ignore") > limit
 
 
 # -------------------------------------------------------------------------------------------------- summary
@@ -213,6 +216,8 @@ def summarise(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
 
 
 def _summarise_one(dataset: xr.Dataset) -> dict[str, Any]:
+    tracks = along(dataset) == "epoch"
+    dataset = by_number(dataset)
     time = dataset["time"].values
     never = not_started(dataset)
     error = errors(dataset).where(~never)
@@ -237,7 +242,7 @@ def _summarise_one(dataset: xr.Dataset) -> dict[str, Any]:
     summary["not_started"] = int(never.sum())
     summary["diverged"] = int(_diverged(error["position"], _limit(dataset, None)).sum())
     summary["armse_position_m"] = json_numbers(armse(curves["position"]))
-    summary["convergence_time_s"] = json_numbers(
-        convergence_time(time, curves["position"], dataset.attrs.get("convergence_m"))
-    )
+    converged = convergence_time(time, curves["position"], dataset.attrs.get("convergence_m"))
+    # tracks have no time in common
+    summary["convergence_time_s"] = None if tracks else json_numbers(converged)
     return summary

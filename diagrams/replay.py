@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 __all__ = ["REPLAYS", "Dataset", "Kept", "Replay", "data_folder", "replay", "replay_settings"]
 
 REPLAYS: dict[str, str] = {
-    "locards": "diagrams.locards:DATASET",
     "bearings": "diagrams.bearings:DATASET",
     "kiwisdr": "diagrams.kiwisdr:DATASET",
     "iq": "diagrams.iq_replay:DATASET",

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from diagrams.assembly.find import FORMS, Found, find
+from diagrams.epochs import along, from_the_end
 from diagrams.errors import UserError
 from diagrams.output import OutputFolder, written_beside
 from diagrams.recordings import only_simulated, with_data
@@ -108,17 +109,28 @@ def _illustrate(dataset: xr.Dataset, study: Any, folder: Path) -> None:
 
 def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
     """Print a table of a study: one row per estimator."""
+    tracks = along(dataset) == "epoch"
+    if tracks:  # they have no time in common, but each has an end
+        from diagrams.metrics import summarise
+
+        dataset = from_the_end(dataset)
+        estimators = summarise(dataset)
     times = dataset["time"].values
-    picks = sorted({int(np.argmin(np.abs(times - share * times[-1]))) for share in (1 / 15, 1 / 3, 2 / 3, 1.0)})
+    shares = (1.0,) if tracks else (1 / 15, 1 / 3, 2 / 3, 1.0)
+    picks = sorted({int(np.argmin(np.abs(times - share * times[-1]))) for share in shares})
     variant = f":{dataset.attrs['variant']}" if dataset.attrs["variant"] else ""
+    trials = f"{dataset.sizes['trial']} {'tracks' if tracks else 'trials'}"
     table = Table(
-        f"{dataset.attrs['system']}{variant}, {dataset.sizes['trial']} trials, seed {dataset.attrs['seed']}",
+        f"{dataset.attrs['system']}{variant}, {trials}, seed {dataset.attrs['seed']}",
         [
             Column("estimator"),
-            *(f"{times[i]:g} s [m]" for i in picks),
+            *("RMSE [m]" if tracks else f"{times[i]:g} s [m]" for i in picks),
             *("median [m]", "bound [m]", "height [m]", "velocity [m/s]", "NEES", "diverged"),
         ],
-        caption="RMSE of position at each time; at the end: median and bound (filter's process noise) of position, "
+        caption="All at the last epoch of each track: RMSE, median and bound of position, RMSE of height and velocity, "
+        "mean NEES"
+        if tracks
+        else "RMSE of position at each time; at the end: median and bound (filter's process noise) of position, "
         "RMSE of height and velocity, mean NEES",
     )
     for name, row in estimators.items():

@@ -35,13 +35,16 @@ class Run:
     size : int
         How many they are.
     clock : Clock, optional
-        The epochs of a track; None: those of the model.
+        When a track is played; None: at the epochs of the model.
+    times : ndarray, optional
+        The same in the time of the recording [s].
     """
 
     done: int
     first: int
     size: int
     clock: Clock | None = None
+    times: Array | None = None
 
 
 def runs(model: Model, first: int, trials: int, width: int) -> Iterator[list[Run]]:
@@ -55,11 +58,12 @@ def runs(model: Model, first: int, trials: int, width: int) -> Iterator[list[Run
     width : int
         Trials at once.
     """
-    if model.recorded is None or not model.recorded.clocks:
+    recorded = model.recorded
+    if recorded is None or not recorded.clocks:
         for done in range(0, trials, width):
             yield [Run(done, first + done, min(width, trials - done))]
         return
-    every = [Run(k, first + k, 1, model.recorded.clocks[first + k]) for k in range(trials)]
+    every = [Run(k, first + k, 1, recorded.clocks[first + k], recorded.times[first + k]) for k in range(trials)]
     for begin in range(0, trials, _TOGETHER):
         yield every[begin : begin + _TOGETHER]
 
@@ -106,16 +110,16 @@ def simulate(
 
 
 def padded(
-    logs: Sequence[tuple[Array, Mapping[str, Array]]], clocks: Sequence[Clock], epochs: int, every: int
+    logs: Sequence[tuple[Array, Mapping[str, Array]]], together: Sequence[Run], epochs: int, every: int
 ) -> tuple[Array, dict[str, Array]]:
     """Return the logs of tracks side by side.
 
     Parameters
     ----------
     logs : sequence of (times, signals)
-        Of each track: ticks of any track between its first and its last, and signals (ticks, 1, size).
-    clocks : sequence of Clock
-        The epochs of each; the other ticks are left out.
+        Of each track: ticks, and signals (ticks, 1, size).
+    together : sequence of Run
+        The tracks; ticks that are not of their clock are left out.
     epochs : int
         So many there are room for.
     every : int
@@ -130,10 +134,12 @@ def padded(
     """
     times = np.full((len(logs), epochs), np.nan)
     signals = {name: np.full((epochs, len(logs), v.shape[-1]), np.nan) for name, v in logs[0][1].items()}
-    for k, ((ticks, log), clock) in enumerate(zip(logs, clocks, strict=True)):
-        own = np.flatnonzero([clock.index(tick) is not None for tick in ticks])
-        own = np.union1d(own[::every], own[-1:])
-        times[k, : own.size] = ticks[own]
+    for k, ((ticks, log), run) in enumerate(zip(logs, together, strict=True)):
+        assert run.clock is not None and run.times is not None
+        of = run.clock
+        own = np.flatnonzero([of.index(tick) is not None for tick in ticks])
+        kept = np.union1d(np.arange(own.size)[::every], own.size - 1)
+        times[k, : kept.size] = run.times[kept]
         for name, values in log.items():
-            signals[name][: own.size, k] = values[own, 0]
+            signals[name][: kept.size, k] = values[own[kept], 0]
     return times, signals

@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from diagrams.assembly.frame import UNITS, frame_of
+from diagrams.epochs import along
 from diagrams.states import POSITION, VELOCITY
 from systems.angle_wrapping import wrap
 
@@ -76,7 +77,7 @@ def axis_errors(dataset: xr.Dataset) -> xr.DataArray:
     """
     difference = dataset["estimate"] - dataset["truth"]
     lost = ~np.isfinite(dataset["estimate"]) & np.isfinite(dataset["truth"]) & scored(dataset)
-    return difference.where(~lost, np.inf).transpose("estimator", "trial", "time", "state")
+    return difference.where(~lost, np.inf).transpose("estimator", "trial", along(dataset), "state")
 
 
 def errors(dataset: xr.Dataset) -> xr.Dataset:
@@ -90,7 +91,7 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
 
     Returns
     -------
-    xarray.Dataset, dims (estimator, trial, time)
+    xarray.Dataset, dims (estimator, trial, time), or epoch in the place of time (see `diagrams.epochs`)
         ``position`` [m] and ``velocity`` [m/s]: length of the error vector. Signed, estimate minus truth:
         ``height`` above the WGS-84 ellipsoid, or z in local axes [m], horizontal ``speed`` [m/s], ``course`` clockwise
         from north [deg] in [-180, 180), NaN where truth or estimate is at rest. A state without a velocity has
@@ -106,10 +107,11 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
     place = [states.index(name) for name in POSITION if name in true]
     own = scored(dataset).values[:, None, None, :]
     moving = [states.index(name) for name in VELOCITY if name in true]
-    dims = ("estimator", "trial", "time")
+    axis = along(dataset)
+    dims = ("estimator", "trial", axis)
     estimate = dataset["estimate"].transpose(*dims, "state").values
     truth = dataset["truth"]
-    truth = truth.transpose("trial", "time", "state") if "trial" in truth.dims else truth.transpose("time", "state")
+    truth = truth.transpose(*(dim for dim in ("trial", axis, "state") if dim in truth.dims))
     known = np.broadcast_to(truth.values, estimate.shape)
     finite = np.isfinite(estimate)
     # A stand-in keeps the geometry free of NaN; what it gives is replaced by infinity below.

@@ -313,6 +313,8 @@ class Study:
                 if bounds is not None:
                     bounds.add(path["truth"].swapaxes(0, 1)[:size], states_of(path["platforms"], size), size, present)
                 chunk = self._shape.dataset(times, signals, begin, size).assign_attrs(self.attributes())
+                if recorded is not None and recorded.clocks:
+                    chunk = chunk.assign_coords(track=("trial", list(recorded.tracks[begin : begin + size])))
                 rows = np.broadcast_to(present.sum(axis=-1).max(axis=-1), size)
                 chunk = chunk.assign_coords(measured_rows=("trial", rows, {"rows": present.shape[-1]}))
                 if done == trials and bounds is not None:
@@ -336,9 +338,8 @@ class Study:
             context = simulate(simulator, running.diagram, self.model, run, self.request.seed, tell)
             logs.append([recorder.result(context) for recorder in running.recorders])
             del context
-        clocks = [run.clock for run in together if run.clock is not None]
-        if clocks:
-            times, signals = padded([log[0] for log in logs], clocks, self._epochs, self.request.every)
+        if together[0].clock is not None:
+            times, signals = padded([log[0] for log in logs], together, self._epochs, self.request.every)
             return times, signals, signals
         (times, signals), path = logs[0][0], logs[0][-1][1]
         return times, signals, path
@@ -359,6 +360,11 @@ class Study:
     def blaming(self) -> AbstractContextManager[None]:
         """Turn whatever a user's own code raises, in a class or in the system, into a `UserError` that names it."""
         return self.found.blaming(self.request.scenario.estimators)
+
+    @property
+    def of_tracks(self) -> bool:
+        """Whether the trials are tracks of unequal length; see `diagrams.epochs`."""
+        return self._epochs > 0
 
     def report(self, dataset: xr.Dataset) -> Report | None:
         """Return what a recording tells of a result of the study beside what is told of every one."""

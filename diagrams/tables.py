@@ -226,6 +226,8 @@ def with_interval(entry: Mapping[str, float | None]) -> str:
     """Return a value with its interval in brackets, from ``{"value", "low", "high"}``."""
     if entry["value"] is None:
         return "-"
+    if entry["low"] is None and entry["high"] is None:  # of a single trial
+        return number(entry["value"])
     return f"{number(entry['value'])} ({number(entry['low'])}-{number(entry['high'])})"
 
 

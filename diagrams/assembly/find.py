@@ -35,6 +35,7 @@ PACKAGED: dict[str, str] = {
 """Where each system that comes with Quietfix is, as ``module:NAME``; a new one is one line here."""
 
 RECORDINGS: dict[str, str] = {
+    "locards": "diagrams.locards:SYSTEM",
     "doptrack": "diagrams.doptrack:SYSTEM",
 }
 """Where each recording is; likewise."""

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from systems.clocks import Clock
 
 if TYPE_CHECKING:
@@ -45,7 +48,9 @@ class Recorded:
     tracks : sequence of str
         Names of the tracks; each is a trial of a study. One: the clock of the model is its own.
     clocks : sequence of Clock
-        Epochs of each, where there are several; blocks that play them are `systems.tracks.Tracked`.
+        Where there are several, when each is played; blocks that play them are `systems.tracks.Tracked`.
+    times : sequence of ndarray
+        The same epochs in the time of the recording [s].
     report : callable, optional
         ``(result) -> Report``.
     keeps : sequence of str
@@ -56,6 +61,7 @@ class Recorded:
 
     tracks: Sequence[str] = ("recorded",)
     clocks: Sequence[Clock] = ()
+    times: Sequence[NDArray[np.float64]] = ()
     report: Callable[[xr.Dataset], Report] | None = None
     keeps: Sequence[str] = ()
     bounds: bool = False

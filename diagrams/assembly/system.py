@@ -143,9 +143,11 @@ class System:
         written = [self.file if text is None else None, None if file is None else Path(file)]
         origins = Origins([path for path in written if path is not None], settings)
         with origins.placing():
-            scenario = load(self.scenario, [data])
-            origins.remember(scenario)
-            _check_sense(scenario)
+            written_down = load(self.scenario, [data])
+            origins.remember(written_down)
+            scenario = _checked(written_down)
+            if scenario is not written_down:
+                origins.remember(scenario)
         return scenario
 
     def resolve(self, variant: str | None, scenario: Any, settings: Any) -> Any:
@@ -173,8 +175,7 @@ class System:
         check_object(self.scenario, scenario)
         if settings:
             raise UserError("set: it cannot be combined with a scenario object; change its fields instead")
-        _check_sense(scenario)
-        return scenario
+        return _checked(scenario)
 
     def variant(self, name: str) -> str:
         """Return the name of a variant, if there is such a one.
@@ -286,12 +287,18 @@ def _resolve(schema: Any, where: str, seen: set[Any] | None = None) -> None:
         _resolve(one.type, f"{schema.__qualname__}.{one.name}", seen)
 
 
-def _check_sense(scenario: Any) -> None:
-    """Check what the types of the fields do not say."""
-    if hasattr(scenario, "refused") and (refused := scenario.refused()):
+def _checked(scenario: Any) -> Any:
+    """Return a scenario whose fields make sense together, and in which what is short for others is written out.
+
+    A scenario may have the methods ``completed() -> scenario`` and ``refused() -> str``: what is wrong with it.
+    """
+    if callable(getattr(scenario, "completed", None)):
+        scenario = scenario.completed()
+    if callable(getattr(scenario, "refused", None)) and (refused := scenario.refused()):
         raise UserError(refused)
     _check_epochs(scenario)
     check_names(scenario)
+    return scenario
 
 
 def _check_epochs(scenario: Any) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import xarray as xr
 
+from diagrams.epochs import along, by_number
 from diagrams.figures.consistency import draw_consistency
 from diagrams.figures.convergence import draw_convergence
 from diagrams.figures.errors import draw_error, draw_percentiles
@@ -33,23 +34,28 @@ def study_figures(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
     list of Path
         ``error_position``, ``error_height``, ``error_speed``, ``error_course``, ``error_bias``,
         ``percentiles_position``, ``nees``, ``nis``, ``ground``, ``particles``, ``convergence``, all ``.png``; without
-        those whose numbers the result does not have.
+        those whose numbers the result does not have; of tracks of unequal length without ``ground`` and
+        ``convergence``, which have no time in common.
     """
     target = Path(folder)
-    dataset = dataset.load()
+    tracks = along(dataset) == "epoch"
+    dataset = by_number(dataset.load())
     error = errors(dataset)
+    judged = bool(error["position"].notnull().any())
     written = []
     for quantity in ("position", "height", "speed", "course", "bias"):
         if quantity in error and error[quantity].notnull().any():
             figure = draw_error(dataset, quantity, rmse(error[quantity]))
             written.append(save(figure, target / f"error_{quantity}.png"))
-    written.append(save(draw_percentiles(dataset, error["position"]), target / "percentiles_position.png"))
+    if judged:
+        written.append(save(draw_percentiles(dataset, error["position"]), target / "percentiles_position.png"))
     for kind in ("nees", "nis"):
         if dataset[kind].notnull().any():
             written.append(save(draw_consistency(dataset, kind), target / f"{kind}.png"))
-    if has_ground(dataset):
+    if judged and not tracks and has_ground(dataset):
         written.append(save(draw_ground(dataset), target / "ground.png"))
     if particle_filters(dataset):
         written.append(save(draw_particle_health(dataset), target / "particles.png"))
-    written.append(save(draw_convergence(dataset, rmse(error["position"])), target / "convergence.png"))
+    if judged and not tracks:
+        written.append(save(draw_convergence(dataset, rmse(error["position"])), target / "convergence.png"))
     return written

@@ -35,11 +35,12 @@ def draw_comparison(found: Mapping[str, Any]) -> Figure:
     figure, panels = new_figure(max(4.0, 1.9 + 0.4 * len(names)), 1, 4, sharey=True, width_ratios=(1.5, 1.5, 1, 1))
     percent = f"{100 * found['confidence']:g} %"
     best = found["best"]
+    when = "the end of each track" if found["time_s"] is None else f"{found['time_s']:g} s"
     _dots(
         panels[0],
         [rows[n]["rmse_position_m"] for n in names],
         [_won(best["rmse_position_m"], n) for n in names],
-        f"position RMSE at {found['time_s']:g} s [m]",
+        f"position RMSE at {when} [m]",
     )
     _dots(
         panels[1],

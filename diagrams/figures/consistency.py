@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from diagrams.consistency import nees_statistics, nis_statistics
-from diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure, title
+from diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure, time_label, title
 
 __all__ = ["draw_consistency"]
 
@@ -61,7 +61,7 @@ def draw_consistency(dataset: xr.Dataset, kind: str) -> Figure:
         log_scale(axes)
         if finite.max() > _TALLEST * one:
             axes.set_ylim(top=_TALLEST * one)
-    axes.set(xlabel="time [s]", ylabel=label, xlim=(time[0], time[-1]))
+    axes.set(xlabel=time_label(dataset), ylabel=label, xlim=(time[0], time[-1]))
     grid(axes)
     figure.suptitle(title(dataset))
     legend_outside(figure, axes)

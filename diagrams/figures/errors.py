@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from diagrams.figures.style import Look, grid, legend_outside, log_scale, looks, new_figure, title
+from diagrams.figures.style import Look, grid, legend_outside, log_scale, looks, new_figure, time_label, title
 from diagrams.metrics import median, percentile
 
 __all__ = ["draw_error", "draw_percentiles"]
@@ -55,7 +55,7 @@ def draw_error(dataset: xr.Dataset, quantity: str, curve: xr.DataArray) -> Figur
         axes.plot(time, np.where(lost, np.nan, values), label=label, **look.line())
     extra = _draw_bounds(axes, dataset, quantity, shown)
     log_scale(axes)
-    axes.set(xlabel="time [s]", ylabel=f"RMSE, {_LABELS[quantity]}", xlim=(time[0], time[-1]))
+    axes.set(xlabel=time_label(dataset), ylabel=f"RMSE, {_LABELS[quantity]}", xlim=(time[0], time[-1]))
     _leave_out_the_start(axes, curve.values)
     grid(axes)
     figure.suptitle(title(dataset))
@@ -115,7 +115,7 @@ def draw_percentiles(dataset: xr.Dataset, error: xr.DataArray) -> Figure:
             row = values.sel(estimator=estimator).values
             ax.plot(time, np.where(np.isinf(row), np.nan, row), label=estimator, **look.line())
         log_scale(ax)
-        ax.set(xlabel="time [s]", title=name, xlim=(time[0], time[-1]))
+        ax.set(xlabel=time_label(dataset), title=name, xlim=(time[0], time[-1]))
         grid(ax)
     axes[0].set_ylabel(_LABELS["position"])
     figure.suptitle(title(dataset))

@@ -1,4 +1,4 @@
-"""Figures of the LocaRDS replay."""
+"""Figures of LocaRDS."""
 
 from __future__ import annotations
 
@@ -13,23 +13,22 @@ from diagrams.figures.style import grid, new_figure
 from systems.geodetic import ecef_to_geodetic
 
 if TYPE_CHECKING:
-    from diagrams.locards import LocardsReplay
+    from diagrams.locards_report import LocardsReport
 
 __all__ = ["draw_errors", "draw_map", "draw_track_errors"]
 
 Array = NDArray[np.float64]
 
-_COLOURS = ("#0072b2", "#d55e00")  # with and without the gate
-_LABELS = ("with the gate", "without")
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of the estimators in turn
 _CRUISE = 230.0  # m/s
 
 
-def draw_errors(result: LocardsReplay) -> Figure:
+def draw_errors(result: LocardsReport) -> Figure:
     """Draw which share of the messages has a fix that is no further off than so much.
 
     Left: as recorded; right, if there is that trial: with faults. A curve ends below 100 % where messages have no fix.
     """
-    trials = result.settings.trials
+    trials = result.trials
     figure, axes = new_figure(columns=trials, sharey=True, squeeze=False)
     scores = result.all
     fault, percent = result.settings.fault_m / 1e3, 100 * result.settings.fault_share
@@ -39,14 +38,15 @@ def draw_errors(result: LocardsReplay) -> Figure:
             ("all aircraft", scores.known, 2.6, "-"),
             ("at least 5 messages", scores.known & scores.many, 1.6, (0, (5, 2))),
         ):
-            for k, label in reversed(list(enumerate(_LABELS))):
+            for k, label in reversed(list(enumerate(result.labels))):
                 error, share = _distribution(scores.horizontal[k, which, trial])
-                panel.step(error, share, where="post", color=_COLOURS[k], lw=width, ls=dash, label=f"{who}, {label}")
+                color = _COLOURS[k % len(_COLOURS)]
+                panel.step(error, share, where="post", color=color, lw=width, ls=dash, label=f"{who}, {label}")
         panel.set(xscale="log", xlim=(3, 3e4), ylim=(0, 101), title=title, xlabel="horizontal error [m]")
         panel.axhline(90, color="0.6", lw=0.8)
         grid(panel)
     axes[0, 0].set_ylabel("messages with a fix at least so good [%]")
-    figure.suptitle(f"LocaRDS: {result.settings.estimator} against the position that the aircraft reports")
+    figure.suptitle(f"LocaRDS: {result.names[0]} against the position that the aircraft reports")
     axes[0, 0].legend(loc="lower right", frameon=False)
     return figure
 
@@ -57,8 +57,8 @@ def _distribution(error: Array) -> tuple[Array, Array]:
     return found, 100 * np.arange(1, found.size + 1) / max(error.size, 1)
 
 
-def draw_track_errors(result: LocardsReplay) -> Figure:
-    """Draw the errors along and across the course, as recorded and with the gate.
+def draw_track_errors(result: LocardsReport) -> Figure:
+    """Draw the errors along and across the course, of the first estimate, as recorded.
 
     A position that is reported late lies behind the aircraft: the error is then ahead, and the scale at the top says
     how late at 230 m/s.
@@ -80,12 +80,12 @@ def draw_track_errors(result: LocardsReplay) -> Figure:
     late.set_xlabel(f"age of the reported position at {_CRUISE:g} m/s [s]")
     right.legend(frameon=False)
     grid(right)
-    figure.suptitle("LocaRDS: error along and across the course, with the gate")
+    figure.suptitle("LocaRDS: error along and across the course, {result.labels[0]}")
     return figure
 
 
-def draw_map(result: LocardsReplay) -> Figure:
-    """Draw receivers, and where the messages were sent, coloured by the error of the fix, as recorded and gated."""
+def draw_map(result: LocardsReport) -> Figure:
+    """Draw receivers, and where messages were sent, coloured by the error of the first estimate, as recorded."""
     figure, axes = new_figure(height=8)
     scores = result.all
     tracks = [track for data in result.sets for track in data.tracks]

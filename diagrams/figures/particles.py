@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure, title
+from diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure, time_label, title
 from systems.filters.particle.health import LEAST_EVIDENCE
 
 __all__ = ["draw_particle_health", "particle_filters"]
@@ -64,7 +64,7 @@ def draw_particle_health(dataset: xr.Dataset) -> Figure:
         ha="right",
         va="top",
     )
-    panels[-1].set_xlabel("time [s]")
+    panels[-1].set_xlabel(time_label(dataset))
     figure.suptitle(title(dataset))
     legend_outside(figure, panels[0], title="median; range over trials")
     return figure

@@ -11,7 +11,18 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
-__all__ = ["Look", "PlainLog", "grid", "legend_outside", "log_scale", "looks", "new_figure", "save", "title"]
+__all__ = [
+    "Look",
+    "PlainLog",
+    "grid",
+    "legend_outside",
+    "log_scale",
+    "looks",
+    "new_figure",
+    "save",
+    "time_label",
+    "title",
+]
 
 _DPI = 100
 _WIDTH = 12.0  # inches: 1200 pixels
@@ -80,6 +91,11 @@ def grid(axes: Any) -> None:
     axes.grid(True, which="major", color="0.85", linewidth=0.8)
     axes.grid(True, which="minor", color="0.93", linewidth=0.5)
     axes.set_axisbelow(True)
+
+
+def time_label(dataset: xr.Dataset) -> str:
+    """Return what stands below the axis along which a trial goes on."""
+    return str(dataset.attrs.get("axis", "time [s]"))
 
 
 def legend_outside(figure: Figure, axes: Any, extra: Sequence[Any] = (), **keywords: Any) -> None:

@@ -41,7 +41,9 @@ _DECISIVE = 6.0  # difference of costs: the best case is e^3 = 20 times as likel
 _HUGE = 1e6  # S / s^2: what is left of receiver 0 is a weight of 1e-6 / n^2, and R is still well conditioned
 
 
-def without_receivers(model: MeasurementModel, tdoa: Tdoa) -> tuple[NDArray[np.bool_], Array]:
+def without_receivers(
+    model: MeasurementModel, tdoa: Tdoa, noise: Array | None = None
+) -> tuple[NDArray[np.bool_], Array]:
     """Return how rows and R look with all receivers, and with each of them left out.
 
     Parameters
@@ -50,29 +52,32 @@ def without_receivers(model: MeasurementModel, tdoa: Tdoa) -> tuple[NDArray[np.b
         What is measured; `tdoa` is a part of it.
     tdoa : Tdoa
         The differences, correlated through the reference receiver.
+    noise : ndarray, shape (..., m, m), optional
+        R with all receivers, where it is not the model's.
 
     Returns
     -------
     dropped : ndarray, shape (1 + receivers, m)
         Rows that go. Entry 0: all receivers are in; entry 1: the reference is out; then those of `tdoa.receivers`.
-    noise : ndarray, shape (1 + receivers, m, m)
+    noise : ndarray, shape (..., 1 + receivers, m, m)
         R.
     """
     rows = [model.names.index(name) for name in tdoa.names]
     cases = 2 + len(rows)
     dropped = np.zeros((cases, model.size), dtype=bool)
     dropped[np.arange(2, cases), rows] = True
-    noise = np.repeat(model.noise_covariance()[None], cases, axis=0)
-    noise[1][np.ix_(rows, rows)] += _HUGE * tdoa.sigma**2 / 2
-    return dropped, noise
+    given = model.noise_covariance() if noise is None else noise
+    found = np.repeat(given[..., None, :, :], cases, axis=-3)
+    found[..., 1, np.array(rows)[:, None], rows] += _HUGE * given[..., rows[0], rows[0], None, None] / 2
+    return dropped, found
 
 
 class ArrivalGate(EnsembleBlock):
     """Test arrival times for consistency, and leave one receiver out where that restores it.
 
-    Inputs ``measurement``, ``platforms`` and, with `feedback`, ``prediction`` and ``prediction_covariance`` of the
-    estimator behind it. Outputs ``measurement`` and ``noise_covariance``, which say together what is left out (see the
-    module), and ``excluded``: the platform left out, or `KEPT`, or `REFUSED`.
+    Inputs ``measurement``, ``platforms``, with `noise_port` ``noise_covariance`` and, with `feedback`, ``prediction``
+    and ``prediction_covariance`` of the estimator behind it. Outputs ``measurement`` and ``noise_covariance``, which
+    say together what is left out (see the module), and ``excluded``: the platform left out, or `KEPT`, or `REFUSED`.
 
     A case (all receivers, or all but one) passes if its least-squares cost is below the chi-square quantile of its
     redundancy. The cases are tried in this order, in each trial by itself:
@@ -111,6 +116,8 @@ class ArrivalGate(EnsembleBlock):
         Number of states of the estimator whose prediction is fed back; 0: none is.
     name : str
         Name of the block.
+    noise_port : bool
+        Whether R comes with the measurement; else it is the model's.
 
     Raises
     ------
@@ -130,6 +137,7 @@ class ArrivalGate(EnsembleBlock):
         platform_trials: int = 1,
         feedback: int = 6,
         name: str = "gate",
+        noise_port: bool = False,
     ) -> None:
         super().__init__(name)
         if not tdoa.correlated:
@@ -139,8 +147,9 @@ class ArrivalGate(EnsembleBlock):
             raise ValueError(f"{name}: rows {absent} are not measured; there are {list(model.names)}")
         if not 0 < false_alarm < 1:
             raise ValueError(f"{name}: false_alarm {false_alarm} is not allowed; between 0 and 1")
-        self.model = model
+        self.model, self._tdoa = model, tdoa
         self.trials = trials
+        self._noise_port = noise_port
         self._platforms = platforms
         self._states = feedback
         self._slack = positive(slack, f"{name}: slack", "")
@@ -151,6 +160,8 @@ class ArrivalGate(EnsembleBlock):
 
         self.declare_input("measurement", trials, model.size)
         self.declare_input("platforms", platform_trials, 6 * platforms)
+        if noise_port:
+            self.declare_input("noise_covariance", trials, model.size**2)
         if feedback:
             self.declare_input("prediction", trials, feedback)
             self.declare_input("prediction_covariance", trials, feedback**2)
@@ -163,45 +174,60 @@ class ArrivalGate(EnsembleBlock):
         self.declare_output("excluded", trials, 1, lambda c: self.cached(c, self._judged)[2], ticket)
 
     def _judge(self, context: Context) -> tuple[Array, Array, Array]:
-        measurement = self.read(context, "measurement")
+        measurement, noise = self.read(context, "measurement"), self._cases(context)
         if np.isnan(measurement).all():
-            noise = np.broadcast_to(self._noise[0], (self.trials, *self._noise[0].shape))
-            return measurement, noise, np.full((self.trials, 1), float(KEPT))
+            return measurement, noise[:, 0], np.full((self.trials, 1), float(KEPT))
         platforms = self.read(context, "platforms").reshape(-1, self._platforms, 6)
         case = np.full(self.trials, -1)
         if self._states and np.isfinite(self.read(context, "prediction")).any():
-            case = self._with_prediction(context, measurement, platforms)
+            case = self._with_prediction(context, measurement, platforms, noise)
         if (case < 0).any():
-            case = np.where(case < 0, self._alone(measurement, platforms), case)
+            case = np.where(case < 0, self._alone(measurement, platforms, noise), case)
 
         silent = np.isnan(measurement).all(axis=-1)
         refused = (case < 0) & ~silent
         case = np.maximum(case, 0)
         gone = self._dropped[case] | refused[:, None]
         excluded = np.where(refused, REFUSED, self._receivers[case])
-        return np.where(gone, np.nan, measurement), self._noise[case], excluded[:, None].astype(float)
+        chosen = noise[np.arange(self.trials), case]
+        return np.where(gone, np.nan, measurement), chosen, excluded[:, None].astype(float)
 
-    def _with_prediction(self, context: Context, measurement: Array, platforms: Array) -> NDArray[np.intp]:
+    def _cases(self, context: Context) -> Array:
+        """Return R of every case, shape (trials, 1 + receivers, m, m)."""
+        if not self._noise_port:
+            return np.broadcast_to(self._noise, (self.trials, *self._noise.shape))
+        m = self.model.size
+        return without_receivers(
+            self.model, self._tdoa, self.read(context, "noise_covariance").reshape(self.trials, m, m)
+        )[1]
+
+    def _with_prediction(
+        self, context: Context, measurement: Array, platforms: Array, noise: Array
+    ) -> NDArray[np.intp]:
         """Return the case that agrees with the prediction; -1 where none does, or there is no prediction."""
         n = self._states
         mean = self.read(context, "prediction")[:, :3]
         covariance = self.read(context, "prediction_covariance").reshape(-1, n, n)[:, :3, :3]
-        return self._decide(measurement, platforms, mean[:, None], (mean, self._slack**2 * covariance))
+        return self._decide(measurement, platforms, noise, mean[:, None], (mean, self._slack**2 * covariance))
 
-    def _alone(self, measurement: Array, platforms: Array) -> NDArray[np.intp]:
+    def _alone(self, measurement: Array, platforms: Array, noise: Array) -> NDArray[np.intp]:
         """Return the case that agrees with itself; -1 where none does."""
         height = measurement[:, self._height]
-        return self._decide(
-            measurement, platforms, starts_around(platforms, np.where(np.isfinite(height), height, 0.0))
-        )
+        starts = starts_around(platforms, np.where(np.isfinite(height), height, 0.0))
+        return self._decide(measurement, platforms, noise, starts)
 
     def _decide(
-        self, measurement: Array, platforms: Array, starts: Array, prior: tuple[Array, Array] | None = None
+        self,
+        measurement: Array,
+        platforms: Array,
+        noise: Array,
+        starts: Array,
+        prior: tuple[Array, Array] | None = None,
     ) -> NDArray[np.intp]:
         """Return 0 where all receivers agree, else the case that clearly explains the rows best, else -1."""
         rows = np.where(self._dropped, np.nan, measurement[:, None, :])
         wide = None if prior is None else (prior[0][:, None], prior[1][:, None])
-        fix = snapshot_fix(rows, platforms[:, None], self.model, self._noise, starts[:, None], wide)
+        fix = snapshot_fix(rows, platforms[:, None], self.model, noise, starts[:, None], wide)
         redundancy = fix.dof.astype(int)
         redundancy[:, 1] -= 1  # its rows are all there, but what they have in common weighs nothing
         with np.errstate(invalid="ignore"):

@@ -88,6 +88,10 @@ class Recording:
                 )
             self.noise_covariance = noise
 
+    def shifted(self, later: float) -> Recording:
+        """Return the same, so many seconds later."""
+        return Recording(self.times + later, self.measurement, self.platforms, self.noise_covariance)
+
     @property
     def layout(self) -> tuple[int, int, int, int, bool]:
         """Trials, rows, trials of the platforms, platforms, and whether R comes with the measurement."""

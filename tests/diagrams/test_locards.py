@@ -1,33 +1,56 @@
 """Replay of LocaRDS: reading, running, scoring."""
 
 import csv
+import dataclasses
 import json
 import math
 import shutil
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder
 
+from diagrams.data import data_folder
+from diagrams.epochs import from_the_end
 from diagrams.errors import UserError
-from diagrams.locards import LocardsReplay, Settings, build, recording, replay_set, run, run_track, split
-from diagrams.locards_data import read_receivers, read_sets
-from diagrams.locards_scores import METHODS, Scores, headings
+from diagrams.locards import SOURCE, Settings, declare_sets, recording, split
+from diagrams.locards_data import LocardsSet, read_receivers, read_sets
+from diagrams.locards_report import LocardsReport
+from diagrams.locards_scores import Scores, headings
 from diagrams.locards_sigma import residual_sigma
 from diagrams.marker import MARKER
-from diagrams.replay import REPLAYS, data_folder, replay
+from diagrams.metrics import summarise
+from diagrams.replay import replay
+from diagrams.state_errors import errors
+from diagrams.study import Study, join
 from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.arrival_gate import KEPT
 from systems.geodetic import ecef_to_geodetic, geodetic_state, geodetic_to_ecef
 from systems.measurement.refractivity import mean_refractivity
-from systems.registry import object_at
 from systems.sensors.recorded import Recording
 from systems.signals import leaf_systems
 from tests.fitting import check_fits
+from tests.golden.recordings import report_of
 
 PLACES = [(47.3, 8.9, 450), (47.9, 9.9, 600), (48.6, 9.5, 300), (48.5, 8.2, 700), (47.5, 8.1, 500), (48.1, 8.8, 800)]
 HEADER = "id,timeAtServer,aircraft,latitude,longitude,baroAltitude,geoAltitude,numMeasurements,measurements"
 GOOD = '1,0.1,7,48.0,9.0,10000,10050,5,"[[1,100,9],[2,200,9],[3,300,9],[4,400,9],[5,500,9]]"'
+
+
+def replay_set(data, settings):
+    """Return the scores of a set."""
+    return report_of("locards", declare_sets([data], settings), settings).scores[0]
+
+
+def run(folder, progress=False, settings=None):
+    """Return the report of the sets of a folder."""
+    settings = settings or Settings()
+    return report_of("locards", declare_sets(read_sets(folder), settings), settings)
+
+
+def study_of(tracks, settings, **options):
+    """Return a study of tracks that need not be of one set."""
+    model = declare_sets([LocardsSet("set", list(tracks), 0)], settings)
+    return Study("locards", scenario=settings, model=model, **options)
 
 
 def write_sensors(folder):
@@ -149,7 +172,7 @@ def test_a_broken_file_is_named(folder):
 
 
 def test_the_folder_is_found_or_the_ways_to_name_it_are(folder, monkeypatch):
-    dataset = object_at(REPLAYS["locards"])
+    dataset = SOURCE
     monkeypatch.delenv("QUIETFIX_DATA", raising=False)
     assert data_folder(dataset, folder.parent) == folder
     assert data_folder(dataset, folder) == folder
@@ -187,19 +210,40 @@ def test_a_silent_aircraft_begins_a_new_track(simulated):
 
 
 def test_a_track_does_not_depend_on_which_ran_before(simulated):
+    """Every track is played in a time of its own: alone it gives the same to the last bit."""
     [data] = read_sets(simulated)
-    settings = Settings()
-    parts = [part for track in data.tracks for part in split(track, settings.gap_s)]
-    together = build([recording(part, settings) for part in parts], settings)
-    first = run_track(together, 2)
-    for track in (0, 1, 2):
-        signals = run_track(together, track)
-        alone = run_track(build([recording(parts[track], settings)], settings), 0)
-        for name, value in alone.items():
-            # ticks of the others split a prediction in two: rounding of 6e6 m
-            np.testing.assert_allclose(signals[name], value, rtol=1e-12, atol=1e-4)
-    for name, value in first.items():
-        np.testing.assert_array_equal(run_track(together, 2)[name], value)
+    study = study_of(data.tracks, Settings())
+    together = join(list(study.chunks()))
+    assert list(together["track"].values) == ["set/4", "set/4.1", "set/7"]
+    for trial in (2, 0, 1):
+        alone = join(list(study.chunks(first=trial, count=1)))
+        for name in ("estimate", "nis", "nees"):
+            np.testing.assert_array_equal(alone[name].values[:, 0], together[name].values[:, trial])
+
+
+def test_tracks_of_unequal_length(simulated):
+    """Epochs of a track are its messages, in the time of the recording; beyond its end there is nothing."""
+    [data] = read_sets(simulated)
+    result = join(list(study_of(data.tracks, Settings()).chunks()))
+    assert result["estimate"].dims == ("estimator", "trial", "epoch", "state")
+    assert result["time"].dims == ("trial", "epoch") and result.sizes["epoch"] == 7
+    parts = [part for track in data.tracks for part in split(track, 120.0)]
+    for k, part in enumerate(parts):
+        count = len(part.times)
+        np.testing.assert_array_equal(result["time"].values[k, :count], part.times)
+        assert np.isnan(result["time"].values[k, count:]).all()
+        assert np.isfinite(result["estimate"].values[:, k, :count]).all()
+        assert np.isnan(result["estimate"].values[:, k, count:]).all()
+    error, last = errors(result)["position"], errors(from_the_end(result))["position"].values[..., -1]
+    np.testing.assert_array_equal(last[:, 0], error.values[:, 0, 1])
+    np.testing.assert_array_equal(last[:, 2], error.values[:, 2, 6])
+    some = join(list(study_of(data.tracks, Settings(), every=3).chunks()))
+    np.testing.assert_array_equal(some["time"].values[2], result["time"].values[2, [0, 3, 6]])
+    np.testing.assert_array_equal(some["estimate"].values[:, 2], result["estimate"].values[:, 2, [0, 3, 6]])
+    told = summarise(result)["iekf"]
+    assert len(told["rmse_position_m"]) == 7 and told["convergence_time_s"] is None and told["diverged"] == 0
+    # at the seventh message there is one track left
+    assert told["rmse_position_m"][6] == pytest.approx(error.values[0, 2, 6], rel=1e-12)
 
 
 def test_what_the_aircraft_says_of_its_place_reaches_no_block(simulated):
@@ -215,14 +259,14 @@ def test_what_the_aircraft_says_of_its_place_reaches_no_block(simulated):
     assert not scores.known.any() and scores.summary(0)["gate"]["p50_m"] is None
 
 
-def test_the_diagram_has_no_truth_and_feeds_back_only_the_prediction(simulated):
+def test_the_truth_is_read_by_nobody_and_only_the_prediction_is_fed_back(simulated):
     [data] = read_sets(simulated)
-    built = build([recording(track, Settings()) for track in data.tracks], Settings())
-    builder = DiagramBuilder()
-    builder.AddSystem(built.diagram)
-    names = {leaf.get_name() for leaf in leaf_systems(built.diagram)}
-    assert names == {"recorded", "gate", "iekf", "iekf_no_gate", "recorder"}
-    assert built.diagram.num_input_ports() == 0
+    study = study_of(data.tracks, Settings())
+    diagram = study.picture
+    names = {leaf.get_name() for leaf in leaf_systems(diagram)}
+    assert names == {"recorded", "target", "gate_iekf", "iekf", "iekf_no_gate"}
+    assert diagram.num_input_ports() == 0 and list(study.probe.dashed) == [("iekf", "gate_iekf")]
+    assert not [source for source, _ in diagram.connection_map().values() if source.get_name() == "target"]
 
 
 def test_faults_are_in_the_second_trial_only(simulated):
@@ -242,10 +286,10 @@ def test_faults_are_in_the_second_trial_only(simulated):
 
 def test_other_estimators_by_name(simulated):
     [data] = read_sets(simulated)
-    scores = replay_set(data, Settings(estimator="ukf"))
+    scores = replay_set(data, Settings(estimator="ukf").completed())
     assert np.nanmax(scores.horizontal) < 20
     with pytest.raises(UserError, match="estimator: nobody is not known"):
-        replay_set(data, Settings(estimator="nobody"))
+        Settings(estimator="nobody").completed()
 
 
 # -------------------------------------------------------------------------------------------------- scoring
@@ -304,7 +348,7 @@ def test_table_summary_and_figures(simulated, tmp_path, capsys):
     for words in ("set_1", "set_2", "all sets", "faults", "with / without the gate"):
         assert words in printed
     files = {path.name for path in (tmp_path / "out").iterdir()}
-    assert files == {MARKER, "summary.json", "errors.png", "along_across.png", "map.png"}
+    assert files >= {MARKER, "summary.json", "errors.png", "along_across.png", "map.png", "results.zarr"}
     assert min(path.stat().st_size for path in (tmp_path / "out").glob("*.png")) > 10_000
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["dataset"] == "locards" and summary["settings"]["sigma_tdoa_m"] == 0
@@ -379,7 +423,7 @@ def test_sets_that_no_setting_was_tuned_to(recorded):
     assert all(100 < scores.sigma[0, 0] < 120 for scores in result.scores)
 
 
-def check_recorded(result: LocardsReplay) -> None:
+def check_recorded(result: LocardsReport) -> None:
     for data, scores in zip(result.sets, result.scores, strict=True):
         row = scores.summary(0)
         assert row["gate"]["p50_m"] <= 60, data.name
@@ -422,15 +466,15 @@ def test_an_error_at_a_receiver_of_recorded_messages(recorded, receiver):
     moved = []
     for data in read_sets(recorded("locards_mlat")):
         tracks = [part for track in data.tracks for part in split(track, settings.gap_s) if len(part.times) >= 4]
-        sound = [recording(track, settings) for track in tracks]
+        sound = [dataclasses.replace(track, arrivals=track.arrivals.copy()) for track in tracks]
         for track in tracks:
             track.arrivals[-1, receiver] += 3000.0 / SPEED_OF_LIGHT
             track.arrivals[-1] -= track.arrivals[-1, 0]
-        built = build([*sound, *(recording(track, settings) for track in tracks)], settings)
+        result = from_the_end(join(list(study_of([*sound, *tracks], settings).chunks()))).isel(time=-1)
+        place = result["estimate"].sel(state=["x", "y", "z"]).values
         for i in range(len(tracks)):
-            before, after = run_track(built, i), run_track(built, len(tracks) + i)
-            shift = [np.linalg.norm((after[name] - before[name])[-1, 0, :3]) for name in METHODS]
-            moved.append([*shift, after["excluded"][-1, 0, 0] == receiver])
+            shift = np.linalg.norm(place[:, len(tracks) + i] - place[:, i], axis=-1)
+            moved.append([*shift, result["excluded_iekf"].values[len(tracks) + i].item() == receiver])
     gated, bare, found = np.array(moved).T
     assert len(moved) == 54
     # the last message of each track with four or more: found in 48 or 49 of 54, refused in 3 to 5

@@ -7,12 +7,12 @@ from typer.testing import CliRunner
 
 from diagrams.assembly.find import RECORDINGS
 from diagrams.command_line import app
-from diagrams.data import data_folder as folder_of
+from diagrams.data import data_folder
 from diagrams.doptrack import SOURCE as DOPTRACK
 from diagrams.errors import UserError
-from diagrams.locards import DATASET as LOCARDS
+from diagrams.locards import SOURCE as LOCARDS
 from diagrams.recordings import recording_settings
-from diagrams.replay import data_folder, replay, replay_settings
+from diagrams.replay import replay, replay_settings
 
 
 @pytest.mark.parametrize(
@@ -69,8 +69,8 @@ def test_a_folder_that_is_named_may_have_any_name(recorded, tmp_path):
     own = tmp_path / "mine"
     own.mkdir()
     with pytest.raises(UserError, match="mine/locards_mlat is not a folder"):
-        data_folder(LOCARDS, own, LOCARDS.holds)
+        data_folder(LOCARDS, own)
     shutil.copy(recorded("locards_mlat_unseen") / "set_5.csv", own)
-    assert data_folder(LOCARDS, own, LOCARDS.holds) == own
+    assert data_folder(LOCARDS, own) == own
     with pytest.raises(UserError, match="mine/doptrack_delfic3 is not a folder"):
-        folder_of(DOPTRACK, own)
+        data_folder(DOPTRACK, own)

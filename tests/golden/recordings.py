@@ -18,7 +18,8 @@ from diagrams.kiwisdr import locate as locate_mast
 from diagrams.kiwisdr import read_folder
 from diagrams.kiwisdr_settings import Settings as KiwiSettings
 from diagrams.locards import Settings as LocardsSettings
-from diagrams.locards import run as run_locards
+from diagrams.locards import declare_sets
+from diagrams.locards_data import read_sets
 from diagrams.study import Study, join
 from tests.golden.record import _array, machine
 
@@ -35,11 +36,12 @@ def report_of(system, model, settings):
 
 
 def _locards(folder, **settings):
-    result = run_locards(folder, progress=False, settings=LocardsSettings(**settings))
-    scores = result.all
+    chosen = LocardsSettings(**settings)
+    scores = report_of("locards", declare_sets(read_sets(folder), chosen), chosen).all
     return {
         "fix": scores.fix,
-        "error": np.moveaxis(scores.error, 1, 0),
+        "error_gate": scores.error[0],
+        "error_no_gate": scores.error[1],
         "excluded": scores.excluded,
         "sigma": scores.sigma,
     }

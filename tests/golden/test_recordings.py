@@ -21,9 +21,10 @@ def test_as_recorded(title, request):
         assert [array[k] for k in ("shape", "missing")] == [before[k] for k in ("shape", "missing")], name
         if title.startswith(EXACT) and RECORD["machine"] == machine():
             assert array["hash"] == before["hash"], name
-        # errors of locards are differences of Earth-fixed positions, of which 1e-9 is 6 mm; iterations on another
-        # machine may stop one step earlier
+        # errors of locards are differences of Earth-fixed positions, of which 1e-9 is 6 mm. With 3 km at one receiver
+        # and no gate some fixes end thousands of kilometres off: where an iteration stops there hangs on the last bit
+        rtol = 1e-6 if (title, name) == ("locards with faults", "error_no_gate") else 1e-9
         kept, old = (np.array(part, dtype=float) for part in (_kept(values), before["elements"]))
-        least = 6.4e-3 if name == "error" else 1e-9 * np.nanmax(np.abs(old), initial=0.0)
-        np.testing.assert_allclose(kept, old, rtol=1e-9, atol=least, err_msg=name)
-        np.testing.assert_allclose(array["sums"], before["sums"], rtol=1e-9, atol=least, err_msg=name)
+        least = 6.4e-3 if name.startswith("error") else 1e-9 * np.nanmax(np.abs(old), initial=0.0)
+        np.testing.assert_allclose(kept, old, rtol=rtol, atol=least, err_msg=name)
+        np.testing.assert_allclose(array["sums"], before["sums"], rtol=rtol, atol=least, err_msg=name)

@@ -46,7 +46,7 @@ def with_fault(measurement, receiver, fault=FAULT):
     return spoiled
 
 
-def judge(measurement, prediction=None, covariance=None, platforms=STATIONS, **options):
+def judge(measurement, prediction=None, covariance=None, platforms=STATIONS, port_noise=None, **options):
     """Return what the gate makes of a measurement (trials, 5)."""
     trials = len(measurement)
     gate = ArrivalGate(MODEL, TDOA, trials, 5, "altitude", feedback=0 if prediction is None else 6, **options)
@@ -56,6 +56,8 @@ def judge(measurement, prediction=None, covariance=None, platforms=STATIONS, **o
         inputs |= {"prediction": prediction, "prediction_covariance": covariance}
     for name, value in inputs.items():
         gate.GetInputPort(name).FixValue(context, np.ravel(value))
+    if options.get("noise_port"):
+        gate.GetInputPort("noise_covariance").FixValue(context, np.ravel(port_noise))
     names = ("measurement", "noise_covariance", "excluded")
     rows, noise, excluded = (gate.GetOutputPort(name).Eval(context) for name in names)
     return rows.reshape(trials, 5), noise.reshape(trials, 5, 5), excluded
@@ -145,6 +147,24 @@ def test_the_receiver_with_an_error_of_3_km_is_left_out(receiver, sign, known):
     assert np.all(moved < 4 * spread) and np.median(moved) < 100
     spoiled = fix_of(with_fault(measurement, receiver, sign * FAULT))
     assert np.nanmedian(np.linalg.norm(spoiled.position - sound.position, axis=-1)) > 700
+
+
+def test_noise_that_comes_with_the_measurement_is_that_of_a_model_which_has_it():
+    """Half of the trials are believed three times better than they are: judged as by a model of that sigma."""
+    rng = np.random.default_rng(21)
+    measurement = with_fault(noisy(TARGET, rng, 40), 2, 0.1 * FAULT)
+    sharp_tdoa = Tdoa(TDOA.sigma / 3, TDOA.receivers, correlated=True)
+    sharp = Stack([sharp_tdoa, MODEL.models[1]])
+    mixed = np.where((np.arange(40) % 2)[:, None, None], R, sharp.noise_covariance())
+    together = judge(measurement, port_noise=mixed, noise_port=True)
+    plain = judge(measurement)
+    gate = ArrivalGate(sharp, sharp_tdoa, 40, 5, "altitude", feedback=0)
+    context = gate.CreateDefaultContext()
+    for name, value in {"measurement": measurement, "platforms": STATIONS}.items():
+        gate.GetInputPort(name).FixValue(context, np.ravel(value))
+    strict = gate.GetOutputPort("excluded").Eval(context)
+    assert np.any(plain[2] != strict)
+    np.testing.assert_array_equal(together[2], np.where(np.arange(40) % 2, plain[2], strict))
 
 
 def test_where_two_receivers_may_be_the_bad_one_none_is_left_out():
