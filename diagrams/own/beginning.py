@@ -107,7 +107,7 @@ def begin(around: Surroundings) -> tuple[Begin, list[Part]]:
     spread = spread_of(scenario, field.sigma_position_m, field.sigma_velocity_mps, field.sigma_offset_hz)
     if isinstance(field, Given):
         mean, constants = np.zeros(around.states), gravity_constants(scenario.constants)
-        mean[:6] = path_of(field.at, scenario.frame, around.setting, constants, "start.at")(0.0)
+        mean[:6] = path_of(field.at, scenario.axes, around.setting, constants, "start.at")(0.0)
         return lambda name, options, rows: GivenStart(mean, spread), []
     assert isinstance(field, Prior)
     return lambda name, options, rows: PortStart(spread), [_prior(spread)]
@@ -122,8 +122,8 @@ def _prior(spread: Array) -> Part:
 
 
 def _snapshot(field: Snapshot, around: Surroundings) -> Begin:
-    if around.scenario.frame == "inertial":
-        raise UserError("start: !Snapshot is not allowed in frame inertial; local or earth_fixed")
+    if around.scenario.axes.up is None:
+        raise UserError(f"start: !Snapshot is not allowed in frame {around.scenario.frame}; local or earth_fixed")
     chosen = around.first("start.sensors", field.sensors)
     for one in chosen:
         if isinstance(one.field, Phase) and one.field.resolved_by:
@@ -131,7 +131,7 @@ def _snapshot(field: Snapshot, around: Surroundings) -> Begin:
                 f"start.sensors: {one.name} is not allowed; its phases are resolved by a prediction, which the first "
                 "measurement has not; name others"
             )
-    places = starts_around_level if around.scenario.frame == "local" else starts_around
+    places = starts_around_level if around.scenario.axes.flat else starts_around
 
     def make(name: str, options: EstimatorOptions, rows: Sequence[str]) -> Start:
         for one in chosen:
@@ -148,7 +148,7 @@ def _snapshot(field: Snapshot, around: Surroundings) -> Begin:
 
 
 def _known_height(field: KnownHeight, around: Surroundings) -> tuple[Begin, list[Part]]:
-    if around.scenario.frame != "earth_fixed":
+    if not around.scenario.axes.geodetic:
         raise UserError(f"start: !KnownHeight is for frame earth_fixed only, this is {around.scenario.frame}")
     able = two_differences(around.kinds)
     if not able:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
+from diagrams.assembly.frame import Frame
 from diagrams.own.kinds import Bearing, Tdoa, Toa
 from diagrams.own.sensing import Measured, PlacedSensor
 from diagrams.parts.impairment import Impaired, Mount
@@ -25,7 +26,7 @@ __all__ = ["Together", "impaired"]
 Array = NDArray[np.float64]
 
 
-def impaired(one: PlacedSensor, frame: str) -> Impaired:
+def impaired(one: PlacedSensor, frame: Frame) -> Impaired:
     """Return the part that impairs what a sensor reads; a `UserError` names errors that it cannot have."""
     refused = {"platform": "platform_errors says how well the platforms are known"}
     mounts = [mount for kind in one.kinds for mount in _mounts(kind, frame)]
@@ -47,9 +48,9 @@ def impaired(one: PlacedSensor, frame: str) -> Impaired:
     )
 
 
-def _mounts(kind: Measured, frame: str) -> list[Mount]:
+def _mounts(kind: Measured, frame: Frame) -> list[Mount]:
     model = kind.real
-    if isinstance(kind.field, Bearing) and isinstance(model, BearingModel) and frame == "local":
+    if isinstance(kind.field, Bearing) and isinstance(model, BearingModel) and frame.flat:
         return [Mount(model.names, model.platform)]
     if isinstance(model, InterferometerPhase):
         rows = [row for part in (model, *kind.links) for row in part.names]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, cast
 
+from diagrams.assembly.frame import INERTIAL
 from diagrams.errors import UserError
 from diagrams.own.custom import Custom
 from diagrams.own.places import Places
@@ -63,8 +64,8 @@ class _Differenced:
 
 
 def _wave(light_time: bool, places: Places, where: str) -> dict[str, Any]:
-    if light_time and places.frame != "earth_fixed":
-        raise UserError(f"{where}.light_time: true is for frame earth_fixed only, this is {places.frame}")
+    if light_time and not places.frame.geodetic:
+        raise UserError(f"{where}.light_time: true is for frame earth_fixed only, this is {places.frame.name}")
     return {"light_time": light_time, "earth_rate": places.constants.earth_rate, "constants": places.constants}
 
 
@@ -192,11 +193,11 @@ class Bearing:
 
     def model(self, places: Places, where: str) -> MeasurementModel:
         """Return the measurement model; rows ``azimuth_PLATFORM``, ``elevation_PLATFORM`` [rad]."""
-        if places.frame == "inertial":
-            raise UserError(f"{where}: !Bearing is not allowed in frame inertial; local or earth_fixed")
+        if places.frame.up is None:
+            raise UserError(f"{where}: !Bearing is not allowed in frame {places.frame.name}; local or earth_fixed")
         name = self.platform or next(iter(places.platforms))
         number_ = places.number(name, f"{where}.platform")
-        kind = BearingModel if places.frame == "local" else HorizonBearing
+        kind = BearingModel if places.frame.flat else HorizonBearing
         elevation = None if self.sigma_elevation_deg is None else math.radians(self.sigma_elevation_deg)
         model = kind(math.radians(self.sigma_deg), elevation, number_)
         model.names = tuple(f"{row}_{name}" for row in model.names)
@@ -211,9 +212,9 @@ class Altitude:
 
     def model(self, places: Places, where: str) -> MeasurementModel:
         """Return the measurement model; row ``altitude`` [m]."""
-        if places.frame == "inertial":
-            raise UserError(f"{where}: !Altitude is not allowed in frame inertial; local or earth_fixed")
-        return Component(2, self.sigma_m, "altitude", "m") if places.frame == "local" else AltitudeModel(self.sigma_m)
+        if places.frame.height is None:
+            raise UserError(f"{where}: !Altitude is not allowed in frame {places.frame.name}; local or earth_fixed")
+        return Component(2, self.sigma_m, "altitude", "m") if places.frame.flat else AltitudeModel(self.sigma_m)
 
 
 @dataclass
@@ -254,8 +255,8 @@ class Phase:
 
     def model(self, places: Places, where: str) -> InterferometerPhase:
         """Return the measurement model; rows ``phase_AXIS_PLATFORM`` [rad]."""
-        if places.frame == "local":
-            raise UserError(f"{where}: !Phase is not allowed in frame local; earth_fixed or inertial")
+        if places.frame.flat:
+            raise UserError(f"{where}: !Phase is not allowed in frame {places.frame.name}; earth_fixed or inertial")
         if len(set(self.axes)) < len(self.axes):
             raise UserError(f"{where}.axes: {self.axes} is not allowed; an axis is named twice")
         name = self.platform or next(iter(places.platforms))
@@ -266,7 +267,7 @@ class Phase:
             cast(Any, self.axes),
             places.number(name, f"{where}.platform"),
             self.wrapped,
-            places.constants.earth_rate if places.frame == "earth_fixed" else 0.0,  # inertial velocities are so already
+            places.constants.earth_rate if places.frame.geodetic else 0.0,  # inertial velocities are so already
         )
         model.names = tuple(f"{row}_{name}" for row in model.names)
         return model
@@ -308,8 +309,8 @@ class Relative:
 
     def model(self, places: Places, where: str) -> MeasurementModel:
         """Return the measurement model; rows ``azimuth_PLATFORM`` [rad] to ``radial_acceleration_PLATFORM`` [m/s^2]."""
-        if places.frame != "inertial":
-            raise UserError(f"{where}: !Relative is for frame inertial only, this is {places.frame}")
+        if places.frame is not INERTIAL:
+            raise UserError(f"{where}: !Relative is for frame inertial only, this is {places.frame.name}")
         name = self.platform or next(iter(places.platforms))
         suffixes = {"rad": ("deg", math.radians(1.0)), "rad/s": ("degps", math.radians(1.0)), "m/s": ("mps", 1.0)}
         sigmas = {}

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from diagrams.assembly.frame import EARTH_FIXED, INERTIAL, LOCAL, Frame, as_frame
 from diagrams.errors import UserError
 from diagrams.formation import initial_state
 from diagrams.own.flight import rocket_path
@@ -56,14 +57,14 @@ ALLOWED: dict[str, tuple[type, ...]] = {
 """What there is in each frame."""
 
 
-def path_of(mover: Mover, frame: str, setting: Setting, constants: GravityConstants, where: str) -> Path:
+def path_of(mover: Mover, frame: Frame | str, setting: Setting, constants: GravityConstants, where: str) -> Path:
     """Return the state (6,) of a mover as a function of time [s], in the axes of the frame.
 
     Parameters
     ----------
     mover : Mover
         The scenario's field.
-    frame : {'local', 'earth_fixed', 'inertial'}
+    frame : Frame, or its name
     setting : Setting
         Length of a run, its date, where files are, and what offsets are counted from.
     constants : GravityConstants
@@ -79,7 +80,9 @@ def path_of(mover: Mover, frame: str, setting: Setting, constants: GravityConsta
     return paths_of({where: mover}, frame, setting, constants)[0]
 
 
-def paths_of(movers: Mapping[str, Mover], frame: str, setting: Setting, constants: GravityConstants) -> list[Path]:
+def paths_of(
+    movers: Mapping[str, Mover], frame: Frame | str, setting: Setting, constants: GravityConstants
+) -> list[Path]:
     """Return the paths of movers by the names of their fields; see `path_of`.
 
     Satellites by elements, states and offsets are integrated together, so that all of them have the steps of the one
@@ -90,10 +93,12 @@ def paths_of(movers: Mapping[str, Mover], frame: str, setting: Setting, constant
     UserError
         As `path_of`.
     """
+    frame = as_frame(frame)
+    allowed = ALLOWED[frame.name]
     for where, mover in movers.items():
-        if not isinstance(mover, ALLOWED[frame]):
-            kinds = ", ".join(f"!{kind.__name__}" for kind in ALLOWED[frame])
-            raise UserError(f"{where}: !{type(mover).__name__} is not allowed in frame {frame}; {kinds}")
+        if not isinstance(mover, allowed):
+            kinds = ", ".join(f"!{kind.__name__}" for kind in allowed)
+            raise UserError(f"{where}: !{type(mover).__name__} is not allowed in frame {frame.name}; {kinds}")
     found = {}
     orbits = {where: mover for where, mover in movers.items() if isinstance(mover, Kepler | PositionVelocity | Offset)}
     if orbits:
@@ -116,17 +121,17 @@ def _named(where: str) -> Iterator[None]:
         raise UserError(f"{where}: {error}") from error
 
 
-def _turned(native: Path, axes: str, frame: str, rate: float) -> Path:
-    if axes == frame or axes == "any":
+def _turned(native: Path, axes: Frame | None, frame: Frame, rate: float) -> Path:
+    if axes is frame or axes is None:
         return native
-    if frame == "earth_fixed":
+    if frame.geodetic:
         return lambda t: inertial_to_earth_fixed(native(t), t, rate)
     return lambda t: earth_fixed_to_inertial(native(t), t, rate)
 
 
 def _orbits(
     movers: Mapping[str, Kepler | PositionVelocity | Offset], setting: Setting, constants: GravityConstants
-) -> dict[str, tuple[Path, str]]:
+) -> dict[str, tuple[Path, Frame | None]]:
     """Return the inertial paths of satellites, of one solution for all of them."""
     states = {where: initial_state(one, setting.reference, constants, where) for where, one in movers.items()}
 
@@ -149,24 +154,26 @@ def _orbits(
             last[t] = orbit.at(t)
         return last[t][i]
 
-    return {where: (partial(at, i), "inertial") for i, where in enumerate(movers)}
+    return {where: (partial(at, i), INERTIAL) for i, where in enumerate(movers)}
 
 
-def _native(mover: Mover, frame: str, setting: Setting, constants: GravityConstants, where: str) -> tuple[Path, str]:
-    """Return a path and the axes that it is in."""
+def _native(
+    mover: Mover, frame: Frame, setting: Setting, constants: GravityConstants, where: str
+) -> tuple[Path, Frame | None]:
+    """Return a path and the axes that it is in; None: those of the system, whatever they are."""
     if isinstance(mover, Tle):
-        return tle_path(mover, setting, where), "inertial"
+        return tle_path(mover, setting, where), INERTIAL
     if isinstance(mover, Sp3):
-        return sp3_path(mover, setting, constants.earth_rate, where), "inertial"
+        return sp3_path(mover, setting, constants.earth_rate, where), INERTIAL
     if isinstance(mover, Track):
         return track_path(mover, setting, frame, where)
     if isinstance(mover, Rocket):
-        return rocket_path(mover, setting.duration, constants, where), "earth_fixed"
+        return rocket_path(mover, setting.duration, constants, where), EARTH_FIXED
     if isinstance(mover, Waypoints):
         return _way(mover, frame, where)
     if isinstance(mover, Fixed):
         place = np.array([mover.east_km * _KM, mover.north_km * _KM, mover.up_m, 0.0, 0.0, 0.0])
-        return lambda t: place, "local"
+        return lambda t: place, LOCAL
     if isinstance(mover, Straight):
         begin = np.concatenate(
             [
@@ -174,37 +181,37 @@ def _native(mover: Mover, frame: str, setting: Setting, constants: GravityConsta
                 _three(mover.velocity_mps, f"{where}.velocity_mps"),
             ]
         )
-        return lambda t: straight_line(begin, t), "any"
+        return lambda t: straight_line(begin, t), None
     assert isinstance(mover, Geodetic | GreatCircle | StraightLine)
     course, speed = (0.0, 0.0) if isinstance(mover, Geodetic) else (mover.course_deg, mover.speed_mps)
     angles = math.radians(mover.latitude_deg), math.radians(mover.longitude_deg)
     begin = geodetic_state(*angles, mover.height_m, math.radians(course), speed)
     if speed == 0:
-        return lambda t: begin, "earth_fixed"
+        return lambda t: begin, EARTH_FIXED
     if isinstance(mover, StraightLine):
-        return lambda t: straight_line(begin, t), "earth_fixed"
+        return lambda t: straight_line(begin, t), EARTH_FIXED
     circle = great_circle(begin)
-    return lambda t: circle.state(t), "earth_fixed"
+    return lambda t: circle.state(t), EARTH_FIXED
 
 
-def _way(mover: Waypoints, frame: str, where: str) -> tuple[Path, str]:
+def _way(mover: Waypoints, frame: Frame, where: str) -> tuple[Path, Frame]:
     """Return a path by waypoints: plane ones in local axes, else on the ellipsoid."""
-    field, other = ("points_km", "points_deg") if frame == "local" else ("points_deg", "points_km")
+    field, other = ("points_km", "points_deg") if frame.flat else ("points_deg", "points_km")
     if getattr(mover, other):
-        raise UserError(f"{where}.{other}: it is not allowed in frame {frame}; {field}")
+        raise UserError(f"{where}.{other}: it is not allowed in frame {frame.name}; {field}")
     points = [_numbers(point, 2, f"{where}.{field}.{i}") for i, point in enumerate(getattr(mover, field))]
     if len(points) < 2:
         raise UserError(f"{where}.{field}: {len(points)} are given; at least 2 are needed")
     turn = math.radians(mover.turn_rate_degps)
-    if frame == "local":
+    if frame.flat:
         way = WaypointPath(_KM * np.array(points), mover.speed_mps, turn, mover.height_m)
-        return lambda t: way.at(t), "local"
+        return lambda t: way.at(t), LOCAL
     for i, (latitude, _) in enumerate(points):
         if abs(latitude) > 90:
             raise UserError(f"{where}.points_deg.{i}: latitude {latitude:g} is not allowed; -90 to 90")
     latitude, longitude = np.radians(points).T
     level = LevelWaypointPath(latitude, longitude, mover.height_m, mover.speed_mps, turn)
-    return level.at, "earth_fixed"
+    return level.at, EARTH_FIXED
 
 
 def _three(value: Sequence[float], where: str) -> Array:

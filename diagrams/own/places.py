@@ -4,6 +4,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from diagrams.assembly.frame import Frame
 from diagrams.errors import UserError, choose
 from diagrams.sensor_errors import SensorErrors
 from systems.documented import choice, documented, number
@@ -20,7 +21,7 @@ class Places:
     ----------
     platforms : mapping of str to int
         Number of each platform by its name.
-    frame : str
+    frame : Frame
         The system's.
     constants : GravityConstants
         Of the Earth.
@@ -29,7 +30,7 @@ class Places:
     """
 
     platforms: Mapping[str, int]
-    frame: str
+    frame: Frame
     constants: GravityConstants
     bias: int | None = None
 

@@ -13,6 +13,7 @@ from pathlib import Path as FilePath
 import numpy as np
 from numpy.typing import NDArray
 
+from diagrams.assembly.frame import EARTH_FIXED, Frame
 from diagrams.doptrack_data import teme_to_earth_fixed
 from diagrams.errors import UserError, shown
 from diagrams.formation import ReferenceOrbit
@@ -225,8 +226,8 @@ def _spline(times: Array, states: Array, setting: Setting, what: str) -> Path:
     return lambda t: hermite(times, states, t)[0]
 
 
-def track_path(field: Track, setting: Setting, frame: str, where: str) -> tuple[Path, str]:
-    """Return a recorded track as a function of time, and the axes that it is in.
+def track_path(field: Track, setting: Setting, frame: Frame, where: str) -> tuple[Path, Frame | None]:
+    """Return a recorded track as a function of time, and the axes that it is in; None: those of the system.
 
     Raises
     ------
@@ -237,8 +238,8 @@ def track_path(field: Track, setting: Setting, frame: str, where: str) -> tuple[
     where = f"{where}.file: {path.name}"
     names, table, clock = _table(path, where)
     geodetic = "latitude_deg" in names
-    if geodetic and frame == "local":
-        raise UserError(f"{where}: latitude_deg is not allowed in frame local; x_m, y_m, z_m")
+    if geodetic and frame.flat:
+        raise UserError(f"{where}: latitude_deg is not allowed in frame {frame.name}; x_m, y_m, z_m")
     times = _times(clock, names, table, setting, where)
     columns = {name: table[:, i] for i, name in enumerate(names)}
     if geodetic:
@@ -257,7 +258,7 @@ def track_path(field: Track, setting: Setting, frame: str, where: str) -> tuple[
         raise UserError(
             f"{where}: a run from 0 to {setting.duration:g} s is not allowed; it has {times[0]:g} to {times[-1]:g} s"
         )
-    return _spline(truth.times, truth.states[:, 0], setting, where), "earth_fixed" if geodetic else "any"
+    return _spline(truth.times, truth.states[:, 0], setting, where), EARTH_FIXED if geodetic else None
 
 
 def _times(clock: list[str] | None, names: list[str], table: Array, setting: Setting, where: str) -> Array:

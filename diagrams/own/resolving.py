@@ -134,7 +134,7 @@ def _delays(scenario: OwnScenario, kind: Measured, kinds: Sequence[Measured]) ->
         return None
     if field.chain_m:
         raise UserError(f"{where}: {field.resolved_by} is not allowed beside chain_m, which resolves the phase")
-    if scenario.frame != "earth_fixed":
+    if not scenario.axes.geodetic:
         raise UserError(f"{where}: it is for frame earth_fixed only, this is {scenario.frame}")
     able = two_differences(kinds)
     if not able:

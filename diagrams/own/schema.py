@@ -4,6 +4,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Union
 
+from diagrams.assembly.frame import Frame, as_frame
 from diagrams.formation import EarthConstants, ReferenceOrbit
 from diagrams.own import extra, motions, plants
 from diagrams.own.movers import Fixed, Mover, RandomMotion
@@ -132,6 +133,11 @@ class OwnScenario:
     start: Prior | Given | Snapshot | KnownHeight = documented("how the estimators begin", factory=Prior)
     map: Map | None = documented("what quietfix gdop draws; null: what is around the target and the platforms", None)
     estimators: dict[str, EstimatorChoice] = documented("the estimators side by side", factory=dict)
+
+    @property
+    def axes(self) -> Frame:
+        """The frame."""
+        return as_frame(self.frame)
 
     @property
     def period_s(self) -> float:

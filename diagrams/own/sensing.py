@@ -151,7 +151,7 @@ def placed_sensors(scenario: OwnScenario, places: Places) -> list[PlacedSensor]:
     found: list[PlacedSensor] = []
     for name, field in scenario.sensors.items():
         where = f"sensors.{name}"
-        if field.minimum_elevation_deg is not None and scenario.frame != "earth_fixed":
+        if field.minimum_elevation_deg is not None and not scenario.axes.geodetic:
             raise UserError(
                 f"{where}.minimum_elevation_deg: it is for frame earth_fixed only, this is {scenario.frame}"
             )

@@ -68,7 +68,7 @@ def _places(scenario: OwnScenario, constants: GravityConstants) -> Places:
         if not NAME.fullmatch(name):
             raise UserError(f"platforms: the name {name!r} is not allowed; letters, digits and _, a letter first")
     numbers = {name: i for i, name in enumerate(scenario.platforms)}
-    return Places(numbers, scenario.frame, constants, None if scenario.oscillator is None else _OSCILLATOR)
+    return Places(numbers, scenario.axes, constants, None if scenario.oscillator is None else _OSCILLATOR)
 
 
 def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
@@ -78,7 +78,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
     """
     if not scenario.platforms:
         raise UserError("platforms: none is given; at least one is needed")
-    constants, frame, duration = gravity_constants(scenario.constants), scenario.frame, scenario.duration_s
+    constants, frame, duration = gravity_constants(scenario.constants), scenario.axes, scenario.duration_s
     setting = Setting(duration, scenario.start_utc, folder, scenario.reference_orbit)
     setting.began()
     paths = paths_of({f"platforms.{name}": one for name, one in scenario.platforms.items()}, frame, setting, constants)
@@ -152,7 +152,7 @@ def _sensing(scenario: OwnScenario, sensors: Sequence[PlacedSensor], resolved: b
     """Return the parts that measure; `resolved`: whether phases are resolved before the estimators get them."""
     parts: list[Part] = []
     for one in sensors:
-        parts += [TargetSensor(one.name, one.real, one.clock, one.mask), impaired(one, scenario.frame)]
+        parts += [TargetSensor(one.name, one.real, one.clock, one.mask), impaired(one, scenario.axes)]
     parts.append(Together([one.name for one in sensors], ["raw", "measurement"] if resolved else ["measurement"]))
     errors = scenario.platform_errors
     return [*parts, KnownPlatforms(errors.sigma_position_m, errors.sigma_velocity_mps)]

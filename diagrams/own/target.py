@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import OutputPort
 
 from diagrams.assembly.bus import Bus
+from diagrams.assembly.frame import INERTIAL
 from diagrams.errors import UserError
 from diagrams.formation import gravity_constants
 from diagrams.own import motions, plants
@@ -38,7 +39,7 @@ def target_motion(scenario: OwnScenario) -> MotionModel:
     if isinstance(field, motions.Custom):
         return field.model("belief.motion")
     if isinstance(field, Orbital):
-        if scenario.frame != "inertial":
+        if scenario.axes is not INERTIAL:
             raise UserError(f"belief.motion: !Orbital is for frame inertial only, this is {scenario.frame}")
         constants = gravity_constants(scenario.constants)
         return OrbitalMotion(constants, constants.j2 != 0, density=field.density_m2ps3)
@@ -66,11 +67,11 @@ def true_motion(scenario: OwnScenario, believed: MotionModel) -> MotionModel | N
     target, motion = scenario.target, None
     if isinstance(target, RandomMotion):
         motion = believed
-    elif isinstance(target, Kepler | PositionVelocity | Offset) and scenario.frame == "inertial":
+    elif isinstance(target, Kepler | PositionVelocity | Offset) and scenario.axes is INERTIAL:
         constants = gravity_constants(scenario.constants)
         motion = OrbitalMotion(constants, constants.j2 != 0)
     elif isinstance(target, Fixed | Straight) or (
-        isinstance(target, Geodetic | StraightLine) and scenario.frame == "earth_fixed"
+        isinstance(target, Geodetic | StraightLine) and scenario.axes.geodetic
     ):
         motion = constant_velocity.ConstantVelocity(0.0)
     return None if motion is None else with_bias(scenario, motion, None)

@@ -3,6 +3,7 @@
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 from dataclasses import dataclass
 
+from diagrams.assembly.frame import Frame
 from diagrams.assembly.map import View
 from diagrams.errors import UserError
 from diagrams.own.movers import Mover
@@ -34,7 +35,7 @@ class Map:
     )
 
 
-def view_of(field: Map | None, frame: str, setting: Setting, constants: GravityConstants) -> View:
+def view_of(field: Map | None, frame: Frame, setting: Setting, constants: GravityConstants) -> View:
     """Return what a map shows.
 
     Raises
@@ -46,9 +47,9 @@ def view_of(field: Map | None, frame: str, setting: Setting, constants: GravityC
         return View()
     for name in ("height_m", "plane"):
         value = getattr(field, name)
-        if frame == "inertial" and value not in (None, "level"):
+        if frame.height is None and value not in (None, "level"):
             shown = value if isinstance(value, str) else f"{value:g}"
-            raise UserError(f"map.{name}: {shown} is not allowed in frame inertial; local or earth_fixed")
+            raise UserError(f"map.{name}: {shown} is not allowed in frame {frame.name}; local or earth_fixed")
     if field.top_km is not None and field.plane == "level":
         raise UserError(f"map.top_km: {field.top_km:g} is not allowed on a level plane; east_up or north_up")
     centre = None
