@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from diagrams.assembly.build import Assembly
@@ -27,9 +26,7 @@ from systems.motion.base import MotionModel
 __all__ = [
     "BoundSums",
     "StudyBounds",
-    "add_bounds",
     "alike",
-    "bound_curves",
     "bound_squares",
     "rows_present",
 ]
@@ -141,25 +138,6 @@ class BoundSums:
         """Return the bounds by quantity, each (time,): square root of the mean over the trials."""
         mean = self._sums / np.where(self._counts > 0, self._counts, np.nan)
         return dict(zip(QUANTITIES, np.sqrt(mean), strict=True))
-
-
-def bound_curves(covariance: Array, truth: Array) -> dict[str, Array]:
-    """Return the bounds against time: square root of the mean over the trials.
-
-    Parameters
-    ----------
-    covariance : ndarray, shape (trials, time, n, n)
-        From `posterior_bound`.
-    truth : ndarray, shape (trials or 1, time, n)
-
-    Returns
-    -------
-    dict of str to ndarray, shape (time,)
-        ``position`` [m], ``height`` [m], ``velocity`` [m/s], ``speed`` [m/s], ``course`` [deg].
-    """
-    sums = BoundSums(covariance.shape[1])
-    sums.add(np.moveaxis(bound_squares(covariance, truth), 1, -1), covariance.shape[0])
-    return {name: curve for name, curve in sums.curves().items() if name != "bias"}
 
 
 # ------------------------------------------------------------------------------------------------ of a study
@@ -330,31 +308,3 @@ def alike(a: Any, b: Any) -> bool:
     if hasattr(a, "__dict__") and not callable(a):
         return alike(vars(a), vars(b))
     return bool(a == b)
-
-
-def add_bounds(
-    dataset: xr.Dataset, wired: Assembly, truth: Array, platforms: Array, present: Mask | None = None
-) -> xr.Dataset:
-    """Return a study's result with the bounds of its estimators.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        Result that holds *every* epoch of the clock; where epochs are left out, use `StudyBounds`.
-    wired : Assembly
-        The diagram.
-    truth : ndarray, shape (trials or 1, time, n)
-    platforms : ndarray, shape (trials or 1, time, p, 6)
-    present : ndarray of bool, shape (trials or 1, time, rows of the measurement stream), optional
-        Which rows were measured.
-
-    Returns
-    -------
-    xarray.Dataset
-        With ``bound_position`` ... and ``bound_truth_position`` ... (estimator, time), for all quantities.
-    """
-    bounds = StudyBounds(wired, np.asarray(dataset["time"].values, dtype=float))
-    bounds.add(truth, platforms, dataset.sizes["trial"], present)
-    names = [str(name) for name in dataset["estimator"].values]
-    made = xr.Dataset(bounds.variables(), coords={"estimator": list(wired.estimators), "time": dataset["time"]})
-    return dataset.merge(made.sel(estimator=names))

@@ -19,11 +19,10 @@ from diagrams.assembly.frame import UNITS
 from diagrams.consistency import nees_statistics, nis_statistics
 from diagrams.epochs import along, by_number
 from diagrams.json_numbers import json_numbers
-from diagrams.state_errors import BOUNDS, QUANTITIES, axis_errors, errors
+from diagrams.state_errors import BOUNDS, QUANTITIES, errors
 
 __all__ = [
     "armse",
-    "bias_and_spread",
     "causal",
     "convergence_time",
     "diverged",
@@ -82,23 +81,6 @@ def percentile(error: xr.DataArray, percent: float) -> xr.DataArray:
         values[known] = np.nanpercentile(moved[:, known], percent, axis=0)
     kept = size.isel(trial=0, drop=True)
     return kept.copy(data=np.where(values > 1e-3 * _HUGE, np.inf, values))
-
-
-def bias_and_spread(dataset: xr.Dataset) -> xr.Dataset:
-    """Return mean and standard deviation of the error per component of the state.
-
-    Returns
-    -------
-    xarray.Dataset, dims (estimator, time, state)
-        ``bias`` and ``spread`` (divided by trials - 1; NaN for one trial), in the state's units. Only over trials that
-        are not lost: a mean with infinities says nothing.
-    """
-    error = axis_errors(dataset)
-    error = error.where(np.isfinite(error))
-    count = error.notnull().sum("trial")
-    mean = error.mean("trial")
-    squares = ((error - mean) ** 2).sum("trial")
-    return xr.Dataset({"bias": mean, "spread": (squares / (count - 1).where(count > 1)) ** 0.5})
 
 
 # -------------------------------------------------------------------------------------------------- scalars

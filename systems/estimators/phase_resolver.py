@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,7 +14,7 @@ from systems.measurement.phase import InterferometerPhase
 from systems.measurement.tdoa import Tdoa
 from systems.signals import EnsembleBlock
 
-__all__ = ["PhaseResolver", "chain_probability", "resolve"]
+__all__ = ["PhaseResolver", "resolve"]
 
 Array = NDArray[np.float64]
 
@@ -35,24 +34,6 @@ def resolve(wrapped: Array, predicted: Array) -> tuple[Array, Array]:
     """
     integer = np.round((predicted - wrapped) / (2 * np.pi))
     return wrapped + 2 * np.pi * integer, integer
-
-
-def chain_probability(ratio: float, sigma: float) -> float:
-    r"""Return the probability that one stage of a baseline chain finds the right integer.
-
-    .. math:: P = \mathrm{erf}\left(\frac{\pi}{\sqrt 2\,\sigma\sqrt{1 + r^2}}\right)
-
-    The longer baseline's phase is predicted as r times the shorter one's; the prediction error is
-    :math:`\sigma\sqrt{1 + r^2}` and must stay below half a cycle.
-
-    Parameters
-    ----------
-    ratio : float
-        r, longer over shorter baseline.
-    sigma : float
-        Standard deviation of every phase [rad].
-    """
-    return math.erf(math.pi / (math.sqrt(2) * sigma * math.sqrt(1 + ratio**2)))
 
 
 class PhaseResolver(EnsembleBlock):

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Context
 
 from systems.signals import EnsembleBlock
 
-__all__ = ["Joined", "join"]
+__all__ = ["Joined"]
 
 Array = NDArray[np.float64]
 
@@ -40,12 +40,3 @@ class Joined(EnsembleBlock):
     def _join(self, context: Context) -> Array:
         parts = [self.read(context, port) for port in self._names]
         return np.concatenate([np.broadcast_to(p, (self._trials, p.shape[1])) for p in parts], axis=1)
-
-
-def join(builder: DiagramBuilder, ports: Mapping[str, OutputPort], name: str = "truth") -> Joined:
-    """Add a `Joined` to a diagram and connect it to output ports of Quietfix blocks."""
-    shapes = {key: port.get_system().output_size(port.get_name()) for key, port in ports.items()}
-    block = builder.AddSystem(Joined(shapes, name))
-    for key, port in ports.items():
-        builder.Connect(port, block.GetInputPort(key))
-    return block

@@ -7,7 +7,6 @@ from scipy.stats import chi2
 from diagrams.consistency import chi_square_band, nees_statistics, nis_statistics
 from diagrams.metrics import (
     armse,
-    bias_and_spread,
     convergence_time,
     diverged,
     median,
@@ -15,7 +14,7 @@ from diagrams.metrics import (
     rmse,
     summarise,
 )
-from diagrams.state_errors import axis_errors, errors
+from diagrams.state_errors import errors
 from systems.geodetic import ecef_to_geodetic, enu_rotation, geodetic_state
 from tests.diagrams.results import level_flight, result
 
@@ -109,16 +108,6 @@ def test_unknown_truth_is_left_out_and_touches_no_other_trial():
     assert np.isnan(found[:, 9]).all()
     others = [k for k in range(data.sizes["time"]) if k not in (7, 9)]
     np.testing.assert_array_equal(found[:, others], rmse(errors(data)["position"])[:, others])
-
-
-def test_bias_and_spread_per_axis():
-    data = result(trials=400, seed=3)
-    shift = np.array([50.0, -20.0, 0.0, 1.0, 0.0, -2.0])
-    moved = bias_and_spread(data.assign(estimate=data["estimate"] + shift))
-    plain = bias_and_spread(data)
-    np.testing.assert_allclose(moved["bias"] - plain["bias"], np.broadcast_to(shift, plain["bias"].shape), atol=1e-6)
-    gap = axis_errors(data).values
-    np.testing.assert_allclose(plain["spread"], gap.std(axis=1, ddof=1), rtol=1e-10)
 
 
 def test_a_consistent_filter_is_inside_the_bands_as_often_as_they_say():

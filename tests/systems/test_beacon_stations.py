@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from systems.clocks import Periodic
 from systems.measurement.range_rate import RangeRate, common_part
 from systems.measurement.visibility import SphericalMask
-from systems.plants.joined import join
+from systems.plants.joined import Joined
 from systems.plants.mode_schedule import ModeSchedule
 from systems.plants.oscillator import BiasLaw, OscillatorBias
 from systems.recorder import record
@@ -153,7 +153,9 @@ def test_prior_begins_when_it_is_given():
 def test_joined_columns():
     builder = DiagramBuilder()
     one, many = builder.AddSystem(Constant("a", [1.0, 2.0])), builder.AddSystem(Constant("b", [[3.0], [4.0]]))
-    joined = join(builder, {"a": one.GetOutputPort("state"), "b": many.GetOutputPort("state")})
+    joined = builder.AddSystem(Joined({"a": (1, 2), "b": (2, 1)}))
+    for port, block in (("a", one), ("b", many)):
+        builder.Connect(block.GetOutputPort("state"), joined.GetInputPort(port))
     diagram = builder.Build()
     value = joined.GetOutputPort("state").Eval(joined.GetMyContextFromRoot(diagram.CreateDefaultContext()))
     np.testing.assert_array_equal(value.reshape(2, 3), [[1, 2, 3], [1, 2, 4]])

@@ -6,13 +6,31 @@ import numpy as np
 import pytest
 
 from systems.angle_wrapping import wrap
-from systems.estimators.phase_resolver import PhaseResolver, chain_probability, resolve
+from systems.estimators.phase_resolver import PhaseResolver, resolve
 from systems.measurement.phase import InterferometerPhase
 from systems.measurement.stack import Stack
 from tests.laws.cases import PASS, PLACES, WAVELENGTH, fdoa, phase, place, satellites, tdoa
 from tests.laws.packaged import Packaged
 
 SIGMA = np.radians(15.0)
+
+
+def chain_probability(ratio, sigma):
+    r"""Return the probability that one stage of a baseline chain finds the right integer.
+
+    .. math:: P = \mathrm{erf}\left(\frac{\pi}{\sqrt 2\,\sigma\sqrt{1 + r^2}}\right)
+
+    The longer baseline's phase is predicted as r times the shorter one's; the prediction error is
+    :math:`\sigma\sqrt{1 + r^2}` and must stay below half a cycle.
+
+    Parameters
+    ----------
+    ratio
+        r, longer over shorter baseline.
+    sigma
+        Standard deviation of every phase [rad].
+    """
+    return math.erf(math.pi / (math.sqrt(2) * sigma * math.sqrt(1 + ratio**2)))
 
 
 def test_resolve():
