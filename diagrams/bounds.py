@@ -184,7 +184,7 @@ class StudyBounds:
         truth : ndarray, shape (trials or 1, time, n)
             1 where all trials share it.
         platforms : ndarray, shape (trials or 1, time, p, 6)
-            Known carriers.
+            Known platforms.
         trials : int, optional
             Trials of the chunk; by default those of truth, platforms and `present`.
         present : ndarray of bool, shape (trials or 1, time, rows of the measurement stream), optional

@@ -53,14 +53,14 @@ class Directions(NamedTuple):
     sighted: bool = False
 
 
-def earth_directions(place: Array, velocity: Array, carrier: Array) -> Directions:
+def earth_directions(place: Array, velocity: Array, platform: Array) -> Directions:
     """Return ``up``, ``along the course``, ``across the course``; ``to the north`` and ``east`` of a target at rest.
 
     Parameters
     ----------
     place, velocity : ndarray, shape (axes,)
         Of the target, Earth-fixed; the velocity is zero where the state has none.
-    carrier : ndarray, shape (6,)
+    platform : ndarray, shape (6,)
         Of the first platform.
     """
     if place.size < 3:
@@ -74,15 +74,15 @@ def earth_directions(place: Array, velocity: Array, carrier: Array) -> Direction
     return Directions(["up", *names], np.stack([normal, ahead, np.cross(ahead, normal)]))
 
 
-def local_directions(place: Array, velocity: Array, carrier: Array) -> Directions:
+def local_directions(place: Array, velocity: Array, platform: Array) -> Directions:
     """Return ``in range``, ``in cross-range``, ``in elevation`` from the platform; ``up`` if that is nearly level.
 
     Arguments as of `earth_directions`, in local axes.
     """
     axes = place.size
     if axes < 3:
-        return _plane_directions(place, carrier)
-    sight = place - carrier[:axes]
+        return _plane_directions(place, platform)
+    sight = place - platform[:axes]
     sight = sight / np.linalg.norm(sight)
     side = np.cross([0.0, 0.0, 1.0], sight)
     if not np.linalg.norm(side) > 0:  # straight above or below
@@ -94,12 +94,12 @@ def local_directions(place: Array, velocity: Array, carrier: Array) -> Direction
     return Directions(["in range", "in cross-range", third], np.stack([sight, side, np.cross(sight, side)]), True)
 
 
-def inertial_directions(place: Array, velocity: Array, carrier: Array) -> Directions:
+def inertial_directions(place: Array, velocity: Array, platform: Array) -> Directions:
     """Return ``in range``, ``along the track``, ``across the track``; arguments as of `earth_directions`, inertial."""
     axes = place.size
     if axes < 3:
-        return _plane_directions(place, carrier)
-    sight = place - carrier[:axes]
+        return _plane_directions(place, platform)
+    sight = place - platform[:axes]
     sight = sight / np.linalg.norm(sight)
     ahead = velocity - sight * (sight @ velocity)
     ahead /= np.linalg.norm(ahead)
@@ -107,15 +107,15 @@ def inertial_directions(place: Array, velocity: Array, carrier: Array) -> Direct
     return Directions(words, np.stack([sight, ahead, np.cross(sight, ahead)]), True)
 
 
-def launch_directions(place: Array, velocity: Array, carrier: Array) -> Directions:
+def launch_directions(place: Array, velocity: Array, platform: Array) -> Directions:
     """Return ``down-range``, ``up at the site``, ``across``, the axes of the launch frame themselves."""
     if place.size < 3:
         return _as_they_are(place)
     return Directions(["down-range", "up at the site", "across"], np.eye(3))
 
 
-def _plane_directions(place: Array, carrier: Array) -> Directions:
-    sight = place - carrier[: place.size]
+def _plane_directions(place: Array, platform: Array) -> Directions:
+    sight = place - platform[: place.size]
     distance = np.linalg.norm(sight)
     if place.size < 2 or not distance > 0:
         return _as_they_are(place)

@@ -83,7 +83,7 @@ def declare(scenario: Scenario) -> Model:
                 stack,
                 clock,
                 errors,
-                mounts=[Mount(stack.models[0].names, 0, lambda carrier: body_frame(carrier[..., None, :], 0, rate))],
+                mounts=[Mount(stack.models[0].names, 0, lambda platform: body_frame(platform[..., None, :], 0, rate))],
                 clocks={"tdoa_10": (1, 0)},
             ),
             *(TargetSensor(port, known[port], clock, mask) for port in known if port in start.inputs),

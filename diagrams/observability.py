@@ -329,13 +329,13 @@ def _one(
     roots = information_roots(truth, platforms, times, model, motion, prior, seen)[0]
     placed = [motion.names.index(name) for name in shared(POSITION, motion.names)]
     moving = [motion.names.index(name) for name in shared(VELOCITY, motion.names)]
-    place, carrier = truth[0, 0, placed], platforms[0, 0, 0]
+    place, platform = truth[0, 0, placed], platforms[0, 0, 0]
     velocity = truth[0, 0, moving] if len(moving) == len(placed) else np.zeros(len(placed))
-    told = wired.model.axes.directions(place, velocity, carrier)
+    told = wired.model.axes.directions(place, velocity, platform)
     rotation = told.rotation
     labels, turned = named_components(motion.names, told.names, rotation)
     sight = np.full(motion.size, np.nan)
-    away = place - carrier[: len(placed)]
+    away = place - platform[: len(placed)]
     sight[placed] = rotation @ (away / max(float(np.linalg.norm(away)), np.finfo(float).tiny))
     found = spectrum(roots)
     return Observability(

@@ -44,7 +44,7 @@ def posterior_bound(
     truth : ndarray, shape (trials or 1, time, n)
         States; the Jacobians are taken here. Where a number is NaN no measurement counts.
     platforms : ndarray, shape (trials or 1, time, p, 6)
-        Known carriers.
+        Known platforms.
     times : array_like, shape (time,)
         Every epoch, not only those that are stored [s].
     model : MeasurementModel

@@ -84,7 +84,7 @@ def declare(scenario: Scenario) -> Model:
                 stack,
                 clock,
                 errors,
-                mounts=[Mount(phases, 0, lambda carrier: body_frame(carrier[..., None, :], 0, rate))],
+                mounts=[Mount(phases, 0, lambda platform: body_frame(platform[..., None, :], 0, rate))],
                 clocks={"tdoa_10": (1, 0), "tdoa_20": (2, 0)},
             ),
             KnownPlatforms(errors.sigma_platform_position_m, errors.sigma_platform_velocity_mps),

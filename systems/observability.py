@@ -50,7 +50,7 @@ def information_roots(
     truth : ndarray, shape (trials or 1, time, n)
         States; the Jacobians are taken here. Where a number is NaN no measurement counts.
     platforms : ndarray, shape (trials or 1, time, p, 6)
-        Known carriers.
+        Known platforms.
     times : array_like, shape (time,)
         Epochs [s].
     model : MeasurementModel

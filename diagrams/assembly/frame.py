@@ -90,7 +90,7 @@ class Frame:
     level : tuple of str
         Components of the state that course and horizontal speed are made of.
     directions : callable
-        ``(place, velocity, carrier)`` -> the words and unit vectors that a state is told in.
+        ``(place, velocity, platform)`` -> the words and unit vectors that a state is told in.
     ground : Ground or None
         Axes along the ground; None where no plane of the frame is the ground.
     map_names, map_labels : (str, str)

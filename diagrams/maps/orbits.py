@@ -58,11 +58,11 @@ def orbit_map(
     steps = points or _POINTS
     inclination, phase = np.linspace(0.0, 180.0, steps[0]), np.linspace(-180.0, 180.0, steps[1])
     start = np.array([[target(float(i), float(m)) for m in phase] for i in inclination])
-    carrier, targets = [observer], [start]
+    flown, targets = [observer], [start]
     for dt in np.diff(times):
-        carrier.append(flight.propagate(carrier[-1], float(dt)))
+        flown.append(flight.propagate(flown[-1], float(dt)))
         targets.append(flight.propagate(targets[-1], float(dt)))
-    truth, platforms = np.stack(targets, axis=-2), np.stack(carrier)[None, :, None, :]
+    truth, platforms = np.stack(targets, axis=-2), np.stack(flown)[None, :, None, :]
     seen = np.linalg.norm(truth[..., :3] - platforms[0, :, 0, :3], axis=-1).min(axis=-1) > _NEAREST
     return BoundMap(
         plane=Plane(

@@ -103,7 +103,7 @@ class ArrivalGate(EnsembleBlock):
     tdoa : Tdoa
         The part of it that is arrival times; correlated.
     trials, platforms : int
-        Trials, and number of carriers on the platforms port.
+        Trials, and number of platforms on the port.
     height : str
         Name of the row that gives the height at which the search for a fix begins.
     false_alarm : float

@@ -61,7 +61,7 @@ class Wiring:
     clock : Clock
         When measurements come.
     platforms : int
-        Number of carriers on the platforms port, six numbers each.
+        Number of platforms on the port, six numbers each.
     platform_trials : int
         1 where all trials share the platforms, else `trials`.
     noise_port : bool
@@ -153,7 +153,7 @@ class Estimator(EnsembleBlock):
         truth : ndarray, shape (trials or 1, n)
             The target at the first epoch, in the estimator's states.
         platforms : ndarray, shape (trials or 1, p, 6)
-            The carriers at that epoch.
+            The platforms at that epoch.
 
         Returns
         -------

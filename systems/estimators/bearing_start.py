@@ -76,7 +76,7 @@ class BearingStart(Start):
         angles : ndarray, shape (trials, m)
             Azimuth, and elevation where it is measured [rad]; NaN gives NaN.
         platforms : ndarray, shape (1 or trials, p, >= axes)
-            Known carriers.
+            Known platforms.
         distance, sigma_distance : float, optional
             Instead of the start's own [m].
 

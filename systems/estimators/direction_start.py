@@ -126,9 +126,11 @@ class DirectionStart(CloudStart):
             full[:, -1, -1] = self._altitude.sigma**2
             guess = np.concatenate([place[able], np.zeros((able.sum(), 3))], axis=-1)
             prior = np.broadcast_to(self._vague(), (len(guess), 6, 6))
-            carriers = platforms if platforms.shape[0] == 1 else platforms[able]
+            able_platforms = platforms if platforms.shape[0] == 1 else platforms[able]
             given = np.concatenate([rows, height], axis=-1)[able]
-            found = IteratedExtendedKalman(20, 1e-3).update(guess, prior, given, carriers, model, Whitener(full[able]))
+            found = IteratedExtendedKalman(20, 1e-3).update(
+                guess, prior, given, able_platforms, model, Whitener(full[able])
+            )
             mean[able], covariance[able] = found.mean, found.covariance
         return rows, noise, mean, covariance
 
@@ -155,9 +157,9 @@ class DirectionStart(CloudStart):
         particles, log_weight = np.full(white.shape, np.nan), np.full(white.shape[:-1], np.nan)
         if not able.any():
             return particles, log_weight
-        carriers = platforms if platforms.shape[0] == 1 else platforms[able]
+        able_platforms = platforms if platforms.shape[0] == 1 else platforms[able]
         particles[able], log_weight[able] = self._draw(
-            rows[able], noise[able], mean[able], covariance[able], carriers, inputs[_HEIGHT][able], white[able]
+            rows[able], noise[able], mean[able], covariance[able], able_platforms, inputs[_HEIGHT][able], white[able]
         )
         return particles, log_weight
 

@@ -62,16 +62,16 @@ class _Living(NamedTuple):
 
 
 class _Reading(NamedTuple):
-    """What each living hypothesis is told: measurement (living, m), carriers, and R where it comes with them."""
+    """What each living hypothesis is told: measurement (living, m), platforms, and R where it comes with them."""
 
     value: Array
-    carriers: Array
+    platforms: Array
     noise: Array | None
 
     def rows(self, rows: Index) -> _Reading:
         """Return what some of them are told."""
         return _Reading(
-            self.value[rows], take(self.carriers, rows), None if self.noise is None else take(self.noise, rows)
+            self.value[rows], take(self.platforms, rows), None if self.noise is None else take(self.noise, rows)
         )
 
 
@@ -273,14 +273,14 @@ class HypothesisBank(Estimator):
             return living, reading
         value = reading.value.copy()
         wrapped = wrap(value[:, self._phase_rows])
-        turns, sigma = self._turns(living.mean, living.covariance, wrapped, reading.carriers)
+        turns, sigma = self._turns(living.mean, living.covariance, wrapped, reading.platforms)
         vague = np.flatnonzero(in_doubt(turns, sigma))
         if vague.size:
             # After a gap: with what the other rows say of the place, fewer integers are left.
             silent = reading.rows(vague)
             silent.value[:, self._phase_rows] = np.nan
             told = self._update(living.rows(vague), silent)
-            turns[vague], sigma[vague] = self._turns(told.mean, told.covariance, wrapped[vague], silent.carriers)
+            turns[vague], sigma[vague] = self._turns(told.mean, told.covariance, wrapped[vague], silent.platforms)
         parent, whole, slot = branch(turns, sigma, living.weight, living.trial, living.slot, self.hypotheses)
         value = value[parent]
         value[:, self._phase_rows] = wrapped[parent] + 2 * np.pi * whole
@@ -288,10 +288,10 @@ class HypothesisBank(Estimator):
         integers = np.where(np.isfinite(whole), whole, chosen.integers)
         return chosen._replace(slot=slot, integers=integers), reading.rows(parent)._replace(value=value)
 
-    def _turns(self, mean: Array, covariance: Array, wrapped: Array, carriers: Array) -> tuple[Array, Array]:
+    def _turns(self, mean: Array, covariance: Array, wrapped: Array, platforms: Array) -> tuple[Array, Array]:
         """Return predicted minus wrapped phases and the standard deviation of that, both in cycles."""
         assert self._phases is not None
-        predicted, rows = self._phases.linearize(mean, carriers)
+        predicted, rows = self._phases.linearize(mean, platforms)
         variance = np.einsum("...mi,...mi->...m", rows @ covariance, rows) + self._phases.sigmas**2
         return (predicted - wrapped) / (2 * np.pi), np.sqrt(variance) / (2 * np.pi)
 
@@ -300,12 +300,12 @@ class HypothesisBank(Estimator):
 
     def _update(self, living: _Living, reading: _Reading) -> Posterior:
         return self.algorithm.update(
-            living.mean, living.covariance, reading.value, reading.carriers, self.model, self._whiten(reading)
+            living.mean, living.covariance, reading.value, reading.platforms, self.model, self._whiten(reading)
         )
 
     def _likelihood(self, living: _Living, reading: _Reading, mean: Array, covariance: Array) -> Array:
         """Return the log-likelihood of what each hypothesis is told, given its belief before and after."""
-        residual = self.model.residual(reading.value, self.model.predict(mean, reading.carriers))
+        residual = self.model.residual(reading.value, self.model.predict(mean, reading.platforms))
         missing = missing_rows(residual)
         present = residual if missing is None else np.where(missing, 0.0, residual)
         whitened = np.einsum("...ij,...j->...i", self._whiten(reading).matrix(missing), present)

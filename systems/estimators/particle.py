@@ -286,8 +286,8 @@ class ParticleEstimator(Estimator):
         for group in self._groups_of_trials():
             part = {name: value[group] for name, value in memory.items()}
             whitener = self._whitener if noise_covariance is None else Whitener(noise_covariance[group])
-            carriers = platforms if platforms.shape[0] == 1 else platforms[group]
-            reading = Reading(self.model, measurement[group], carriers, whitener)
+            group_platforms = platforms if platforms.shape[0] == 1 else platforms[group]
+            reading = Reading(self.model, measurement[group], group_platforms, whitener)
             given = draws.of(np.arange(group.start, group.stop))
             new = {name: value[group] for name, value in posterior.items()}
             value, nis, rows = self._correct_group(part, reading, given, new)

@@ -57,7 +57,7 @@ class PhaseResolver(EnsembleBlock):
     tdoa : Tdoa, optional
         For the fix; without a chain only.
     trials, platforms : int
-        Trials, and number of carriers on the platforms port.
+        Trials, and number of platforms on the port.
     chain : sequence of InterferometerPhase
         Shorter baselines, from the shortest; their rows are ``phase_a_1`` ... for the shortest.
     platform_trials : int

@@ -230,10 +230,10 @@ class RangeDecomposed(Estimator):
         off = plane_distance(states[..., :3], normal)
         chosen = np.argmin(np.where(np.isnan(off), np.inf, off), axis=-1)
         position = states[trials, chosen, :3]
-        carriers = np.zeros((mean.shape[0], self.wiring.platforms, 6))
-        carriers[:, self._observer] = observer
+        platforms = np.zeros((mean.shape[0], self.wiring.platforms, 6))
+        platforms[:, self._observer] = observer
         if self._covariance_at == "prediction":
-            noise = self.position.noise_covariance_at(mean, carriers)
+            noise = self.position.noise_covariance_at(mean, platforms)
         else:
             noise = self.equation.position_covariance(ranges[trials, chosen], measurement, observer, self.model.sigmas)
         usable: Mask = np.all(np.isfinite(position), axis=-1) & np.all(np.isfinite(noise), axis=(-1, -2))
@@ -242,7 +242,7 @@ class RangeDecomposed(Estimator):
         here = np.where(usable[:, None], mean, 1.0)
         spread = np.where(usable[:, None, None], covariance, np.eye(6))
         measured = np.where(usable[:, None], position, np.nan)
-        result = self._algorithm.update(here, spread, measured, carriers, self.position, Whitener(stands))
+        result = self._algorithm.update(here, spread, measured, platforms, self.position, Whitener(stands))
         used = usable
         if self._gate is not None:
             with np.errstate(invalid="ignore"):

@@ -142,17 +142,17 @@ class RangeParameterised(Estimator):
         mean = np.where(alone[:, None], 1.0, mean)
         covariance = np.where(alone[:, None, None], np.eye(n), covariance)
         measured = np.repeat(np.where(lost[:, None], np.nan, measurement), count, axis=0)
-        carriers = take(platforms, np.repeat(np.arange(trials), count))
+        repeated = take(platforms, np.repeat(np.arange(trials), count))
         noise = self.model.noise_covariance()
         whitener = self._whitener
         if noise_covariance is not None:
             noise = np.repeat(noise_covariance, count, axis=0)
             whitener = Whitener(noise)
-        value, jacobian = self.model.linearize(mean, carriers)
+        value, jacobian = self.model.linearize(mean, repeated)
         spread = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2) + noise
         residual = self.model.residual(measured, value)
         likelihood = _log_density(residual, spread)
-        result = self.algorithm.update(mean, covariance, measured, carriers, self.model, whitener)
+        result = self.algorithm.update(mean, covariance, measured, repeated, self.model, whitener)
 
         prior = np.where(lost[:, None], 0.0, memory["log_weights"])
         weights = prior + likelihood.reshape(trials, count)

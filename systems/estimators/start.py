@@ -47,7 +47,7 @@ class Start(ABC):
         measurement : ndarray, shape (trials, rows)
             Everything that the measurement port carries at this instant.
         platforms : ndarray, shape (1 or trials, p, 6)
-            Known carriers.
+            Known platforms.
         inputs : mapping of str to ndarray, shape (trials, size)
             What the ports named by `inputs` carry.
         """

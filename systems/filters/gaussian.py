@@ -44,7 +44,7 @@ class GaussianFilter(ABC):
         measurement : ndarray, shape (trials, m)
             NaN where a row is missing: that row is left out in that trial.
         platforms : ndarray, shape (1 or trials, p, 6)
-            Known carriers.
+            Known platforms.
         model : MeasurementModel
             What the filter believes of the sensor.
         whitener : Whitener

@@ -53,7 +53,7 @@ def delay_curve(
     measured : ndarray, shape (trials, 2)
         The delays [s].
     platforms : ndarray, shape (1 or trials, p, 6)
-        Carriers of `delays` and `watched`, Earth-fixed.
+        Platforms of `delays` and `watched`, Earth-fixed.
     height : ndarray, shape (trials,)
         Assumed height above the WGS-84 ellipsoid [m].
     sigma_height : float

@@ -80,7 +80,7 @@ def integer_hypotheses(
     measured_phases : ndarray, shape (trials, m)
         Whole cycles in them do not matter.
     platforms : ndarray, shape (1 or trials, p, 6)
-        Carriers, Earth-fixed.
+        Platforms, Earth-fixed.
     height : ndarray, shape (trials,)
         Assumed height above the WGS-84 ellipsoid [m].
     sigma_height : float

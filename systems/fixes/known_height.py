@@ -118,7 +118,7 @@ def wave_front_fix(
     delays : ndarray, shape (trials, 2)
         Its rows [s].
     platforms : ndarray, shape (1 or trials, p, 6)
-        Its carriers, Earth-fixed.
+        Its platforms, Earth-fixed.
     height, method, start
         See `known_height_fix`.
     velocity : ndarray, shape (trials, 3), optional

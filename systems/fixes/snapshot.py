@@ -121,7 +121,7 @@ def snapshot_fix(
     measurement : ndarray, shape (..., m)
         NaN where a row is missing.
     platforms : ndarray, shape (..., p, 6)
-        Known carriers; NaN where one is missing, and with it the rows that need it. Broadcasts.
+        Known platforms; NaN where one is missing, and with it the rows that need it. Broadcasts.
     model : MeasurementModel
         It must not depend on the velocity, which is taken as zero.
     noise : ndarray, shape (m, m) or (..., m, m)

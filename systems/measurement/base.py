@@ -70,7 +70,7 @@ class MeasurementModel(ABC):
         return value
 
     def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
-        """Return which of `platforms` carriers each row needs, shape (m, platforms); by default all."""
+        """Return which of so many platforms each row needs, shape (m, platforms); by default all."""
         return np.ones((self.size, platforms), dtype=bool)
 
     @property

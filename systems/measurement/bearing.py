@@ -39,7 +39,7 @@ class Bearing(MeasurementModel):
     sigma_elevation : float, optional
         Standard deviation of the elevation [rad]; the state then needs x, y and z.
     platform : int
-        Which carrier takes the bearing.
+        Which platform takes the bearing.
     """
 
     def __init__(self, sigma: float, sigma_elevation: float | None = None, platform: int = 0) -> None:
@@ -152,7 +152,7 @@ class Bearing(MeasurementModel):
         return wrap(value)
 
     def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
-        """Only the carrier that takes the bearing."""
+        """Only the platform that takes the bearing."""
         used = np.zeros((self.size, platforms), dtype=bool)
         used[:, self.platform] = True
         return used

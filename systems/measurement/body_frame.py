@@ -1,4 +1,4 @@
-"""The body frame of a carrier that points to nadir, in Earth-fixed axes."""
+"""The body frame of a platform that points to nadir, in Earth-fixed axes."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def body_frame(platforms: Array, platform: int, earth_rate: float = EARTH_RATE) 
     earth_rate : float
         Earth rotation [rad/s], to turn Earth-fixed into inertial velocity.
     """
-    carrier = np.ascontiguousarray(platforms[..., platform, :6])
-    return _frame(carrier.tobytes(), carrier.shape, earth_rate)
+    own = np.ascontiguousarray(platforms[..., platform, :6])
+    return _frame(own.tobytes(), own.shape, earth_rate)
 
 
 @lru_cache(maxsize=4)
-def _frame(carrier: bytes, shape: tuple[int, ...], earth_rate: float) -> Array:
-    """Return the frame of carriers (..., 6); all iterations of all filters ask for that of one instant."""
-    state = np.frombuffer(carrier).reshape(shape)
+def _frame(states: bytes, shape: tuple[int, ...], earth_rate: float) -> Array:
+    """Return the frame of platforms (..., 6); all iterations of all filters ask for that of one instant."""
+    state = np.frombuffer(states).reshape(shape)
     frame = nadir_frame_earth_fixed(state[..., :3], state[..., 3:], earth_rate)
     frame.setflags(write=False)
     return frame

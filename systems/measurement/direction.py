@@ -1,4 +1,4 @@
-"""Direction of arrival at a carrier that points to nadir: azimuth and depression, or direction cosines."""
+"""Direction of arrival at a platform that points to nadir: azimuth and depression, or direction cosines."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class BodyDirection(SightedModel):
-    """What the direction models share: the line of sight of one carrier in its body frame."""
+    """What the direction models share: the line of sight of one platform in its body frame."""
 
     units = ("rad", "rad")
 
@@ -45,19 +45,19 @@ class BodyDirection(SightedModel):
         return np.einsum("...ij,...i->...j", frame, body)
 
     def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
-        """Only the carrier that takes the direction."""
+        """Only the platform that takes the direction."""
         used = np.zeros((self.size, platforms), dtype=bool)
         used[:, self.platform] = True
         return used
 
 
 class Direction(BodyDirection):
-    r"""Azimuth and depression of a target in the body frame of a carrier that points to nadir.
+    r"""Azimuth and depression of a target in the body frame of a platform that points to nadir.
 
     .. math:: \alpha = \operatorname{atan2}(y_b, x_b), \qquad \varepsilon = \operatorname{atan2}(z_b, \rho_b), \qquad
               \rho_b = \sqrt{x_b^2 + y_b^2}
 
-    with x along the inertial velocity, z to nadir, y = z x x (to the right of the track). Straight below the carrier,
+    with x along the inertial velocity, z to nadir, y = z x x (to the right of the track). Straight below the platform,
     where there is no azimuth, that row is NaN; above 85 deg of depression use `DirectionCosines`.
 
     Parameters
@@ -67,7 +67,7 @@ class Direction(BodyDirection):
     sigma_depression : float, optional
         Standard deviation of the depression [rad]; by default that of the azimuth.
     platform : int
-        The carrier that takes the direction.
+        The platform that takes the direction.
     earth_rate : float
         Earth rotation [rad/s], to turn Earth-fixed into inertial velocity.
     """

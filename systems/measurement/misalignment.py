@@ -34,21 +34,21 @@ def rotation_matrix(vector: ArrayLike) -> Array:
 
 
 def seen_from_turned_axes(
-    target: Array, carrier: Array, turn: Array, body: Array | None = None, axes: int = 3
+    target: Array, platform: Array, turn: Array, body: Array | None = None, axes: int = 3
 ) -> Array:
     r"""Return the target that a well-aligned sensor would have to see to read what a misaligned one reads.
 
     .. math:: x' = x_c + B^T R^T B\,(x - x_c)
 
     The misaligned sensor's axes are the believed ones, the rows of B, turned by R (given in those axes). Position and
-    velocity relative to the carrier are turned alike, which is exact for directions and for their rates where R is
+    velocity relative to the platform are turned alike, which is exact for directions and for their rates where R is
     constant; what depends on where the target really is (gravity) must not be read from it.
 
     Parameters
     ----------
     target : ndarray, shape (..., n)
         Position, and velocity if there is one.
-    carrier : ndarray, shape (..., 6)
+    platform : ndarray, shape (..., 6)
         Position and velocity, three numbers each.
     turn : ndarray, shape (..., 3, 3)
         R.
@@ -65,10 +65,10 @@ def seen_from_turned_axes(
     if body is not None:
         back = np.swapaxes(body, -1, -2) @ back @ body
     back = back[..., :axes, :axes]
-    leading = np.broadcast_shapes(target.shape[:-1], carrier.shape[:-1], back.shape[:-2])
+    leading = np.broadcast_shapes(target.shape[:-1], platform.shape[:-1], back.shape[:-2])
     seen = np.broadcast_to(target, (*leading, target.shape[-1])).copy()
     for first, own in ((0, 0), (axes, 3)):
         if target.shape[-1] >= first + axes:
-            offset = target[..., first : first + axes] - carrier[..., own : own + axes]
-            seen[..., first : first + axes] = carrier[..., own : own + axes] + (back @ offset[..., None])[..., 0]
+            offset = target[..., first : first + axes] - platform[..., own : own + axes]
+            seen[..., first : first + axes] = platform[..., own : own + axes] + (back @ offset[..., None])[..., 0]
     return seen

@@ -1,4 +1,4 @@
-"""A carrier on a known path."""
+"""A platform on a known path."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class Path(EnsembleBlock):
-    """A carrier whose state is a function of time, the same in all trials.
+    """A platform whose state is a function of time, the same in all trials.
 
     Port ``state`` (1, size): position [m] and velocity [m/s], of one or of several, one after the other.
 

@@ -1,4 +1,4 @@
-"""A sensor that does not point where its carrier believes."""
+"""A sensor that does not point where its platform believes."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ class AttitudeError(EnsembleBlock):
     rows : sequence of str
         The rows that are directions; the others pass.
     trials, platforms : int
-        Trials of the measurement, and number of carriers.
+        Trials of the measurement, and number of platforms.
     bias : array_like, shape (3,)
         Rotation vector of the sensor's axes [rad], the same in every trial.
     sigma : float
         Standard deviation of a further rotation per axis [rad], constant through a run, drawn per trial; >= 0.
-    carrier : int
+    platform : int
         The platform that carries the sensor.
     body : callable, optional
-        From the carrier's state (..., 6) to the believed axes as rows (..., 3, 3); by default the axes of the states.
+        From the platform's state (..., 6) to the believed axes as rows (..., 3, 3); by default the axes of the states.
     target_trials, target_size, platform_trials : int
         Shapes of the inputs.
     axes : int
@@ -56,7 +56,7 @@ class AttitudeError(EnsembleBlock):
         platforms: int,
         bias: ArrayLike = (0.0, 0.0, 0.0),
         sigma: float = 0.0,
-        carrier: int = 0,
+        platform: int = 0,
         body: Callable[[Array], Array] | None = None,
         target_trials: int = 1,
         target_size: int = 6,
@@ -78,7 +78,7 @@ class AttitudeError(EnsembleBlock):
         self.model = model
         self.trials = trials
         self._rows = [list(model.names).index(row) for row in rows]
-        self._platforms, self._carrier, self._body, self._axes = platforms, carrier, body, axes
+        self._platforms, self._platform, self._body, self._axes = platforms, platform, body, axes
         self._sigma = np.array([0.0, 0.0, sigma] if axes == 2 else [sigma] * 3)
         self.declare_input("measurement", trials, model.size)
         self.declare_input("target", target_trials, target_size)
@@ -97,9 +97,9 @@ class AttitudeError(EnsembleBlock):
         measured = self.read(context, "measurement").copy()
         target = self.read(context, "target")
         platforms = self.read(context, "platforms").reshape(-1, self._platforms, 6)
-        carrier = platforms[:, self._carrier]
-        body = None if self._body is None else self._body(carrier)
-        seen = seen_from_turned_axes(target, carrier, self.turn(self.draw(context)), body, self._axes)
+        platform = platforms[:, self._platform]
+        body = None if self._body is None else self._body(platform)
+        seen = seen_from_turned_axes(target, platform, self.turn(self.draw(context)), body, self._axes)
         moved = self.model.predict(seen, platforms) - self.model.predict(target, platforms)
         measured[:, self._rows] += moved[:, self._rows]
         return self.model.represent(measured)

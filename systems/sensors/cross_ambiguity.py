@@ -33,7 +33,7 @@ class Aim:
     model : MeasurementModel
         What the estimator believes; its first rows ``tdoa...`` and ``fdoa...`` are the centre.
     platforms : int
-        Carriers on the port ``platforms``.
+        Platforms on the port ``platforms``.
     state : int
         Size of the estimator's state.
     half_delay, half_frequency : float
@@ -87,7 +87,7 @@ class Aim:
         covariance : ndarray, shape (trials, n, n), optional
             Its covariance; needed for `sigmas`.
         platforms : ndarray, shape (trials or 1, p, 6)
-            Carriers.
+            Platforms.
         blind : Window
             For trials without a prediction.
         """

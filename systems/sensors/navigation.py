@@ -1,4 +1,4 @@
-"""What a carrier's navigation reports of its own position."""
+"""What a platform's navigation reports of its own position."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class Navigation(EnsembleBlock):
-    """A carrier's state with an error of position: what estimators know of their platform.
+    """A platform's state with an error of position: what estimators know of their platform.
 
     Inputs ``platforms`` (1, 6) and ``error`` (trials, axes); output ``platforms`` (trials, 6).
 

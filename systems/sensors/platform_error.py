@@ -1,4 +1,4 @@
-"""What is known of the carriers when their navigation is not perfect."""
+"""What is known of the platforms when their navigation is not perfect."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Array = NDArray[np.float64]
 
 
 class PlatformError(EnsembleBlock):
-    """Add to the carriers' states an error that is constant through a run, N(0, sigma^2) per axis and trial.
+    """Add to the platforms' states an error that is constant through a run, N(0, sigma^2) per axis and trial.
 
     Input and output ``platforms``; estimators read the output, sensors the true states.
 
     Parameters
     ----------
     trials, platforms : int
-        Trials of the output, and number of carriers.
+        Trials of the output, and number of platforms.
     sigma_position : float
         Per axis [m], >= 0.
     sigma_velocity : float

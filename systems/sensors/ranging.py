@@ -32,7 +32,7 @@ class Ranging(EnsembleBlock):
     model : RelativeKinematics
         The sensor as it is believed to be, all six rows.
     trials, platforms, platform_trials : int
-        Trials, number of carriers on the port, their trials.
+        Trials, number of platforms on the port, their trials.
     feedback : bool
         Whether an estimator's prediction chooses the root.
     minimum_height : float

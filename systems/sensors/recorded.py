@@ -26,8 +26,8 @@ class Recording:
     measurement : array_like, shape (samples, rows) or (samples, trials, rows)
         NaN where a row is missing.
     platforms : array_like, shape (p, 6), (samples, p, 6) or (samples, 1 or trials, p, 6)
-        Earth-fixed states of the carriers: standing still, or at each sample (they may be different ones each
-        time); NaN where a carrier is missing.
+        Earth-fixed states of the platforms: standing still, or at each sample (they may be different ones each
+        time); NaN where a platform is missing.
     noise_covariance : array_like, shape (samples, rows, rows) or (samples, trials, rows, rows), optional
         R of each sample, where it comes with the measurement.
 

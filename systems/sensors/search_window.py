@@ -37,7 +37,7 @@ def delay_doppler_spread(
     mean, covariance : ndarray, shape (..., 6) and (..., 6, 6)
         Belief about position [m] and velocity [m/s].
     platforms : ndarray, shape (..., p, 6)
-        The carriers.
+        The platforms.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def direction_belief(
     measured : ndarray, shape (..., 2)
         The direction.
     platforms : ndarray, shape (..., p, 6)
-        The carriers.
+        The platforms.
     model : BodyDirection
         What was measured, and how well.
     height, sigma_height : float
@@ -79,8 +79,10 @@ def direction_belief(
     covariance = np.full((*mean.shape, 6), np.nan)
     able = np.isfinite(place).all(axis=-1)
     if able.any():
-        carriers = np.broadcast_to(platforms, (*measured.shape[:-1], *platforms.shape[-2:]))[able]
-        rows = np.concatenate([model.jacobian(mean[able], carriers)[..., :3], up(place[able])[..., None, :]], axis=-2)
+        able_platforms = np.broadcast_to(platforms, (*measured.shape[:-1], *platforms.shape[-2:]))[able]
+        rows = np.concatenate(
+            [model.jacobian(mean[able], able_platforms)[..., :3], up(place[able])[..., None, :]], axis=-2
+        )
         noise = np.zeros((3, 3))
         noise[:2, :2], noise[2, 2] = model.noise_covariance(), sigma_height**2
         inverse = inverses(rows)
@@ -109,7 +111,7 @@ class SearchWindow(EnsembleBlock):
     delay, doppler : Tdoa, Fdoa
         The differences, of two receivers, as they are believed to be.
     trials, platforms : int
-        Trials, and number of carriers on the port.
+        Trials, and number of platforms on the port.
     least_half_delay, least_half_frequency : float
         Smallest half-widths [s], [Hz], > 0: some cells of the function.
     sigmas : float
@@ -178,7 +180,7 @@ class SearchWindow(EnsembleBlock):
 
     def _window(self, context: Context) -> Array:
         platforms = self.read(context, "platforms").reshape(-1, self._platforms, 6)
-        carriers = np.broadcast_to(platforms, (self._trials, self._platforms, 6))
+        platforms = np.broadcast_to(platforms, (self._trials, self._platforms, 6))
         mean, covariance = np.full((self._trials, 6), np.nan), np.full((self._trials, 6, 6), np.nan)
         if self._feedback:
             mean = self.read(context, "prediction").copy()
@@ -187,13 +189,13 @@ class SearchWindow(EnsembleBlock):
         if lost.any():
             mean[lost], covariance[lost] = direction_belief(
                 self.read(context, "direction")[lost],
-                carriers[lost],
+                platforms[lost],
                 self._direction,
                 self._height,
                 self._sigma_height,
                 self._sigma_velocity,
             )
-        centre, sigma = delay_doppler_spread(self._differences, mean, covariance, carriers)
+        centre, sigma = delay_doppler_spread(self._differences, mean, covariance, platforms)
         return np.concatenate([centre, self._half_width(sigma)], axis=-1)
 
     def _half_width(self, sigma: Array) -> Array:

@@ -34,7 +34,7 @@ class Sensor(EnsembleBlock):
     trials : int
         Trials of the measurement.
     platforms : int
-        Number of carriers, six numbers each on the port.
+        Number of platforms, six numbers each on the port.
     target_trials, target_size : int
         Shape of the target's state; one trial of truth serves all trials of noise.
     platform_trials : int
@@ -101,7 +101,7 @@ class Sensor(EnsembleBlock):
         target : ndarray, shape (1 or trials, n)
             True state of the target.
         platforms : ndarray, shape (1 or trials, p, 6)
-            True states of the carriers.
+            True states of the platforms.
 
         Returns
         -------

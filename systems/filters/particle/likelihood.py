@@ -24,7 +24,7 @@ class Reading:
     measurement : ndarray, shape (trials, m)
         NaN where a row is missing.
     platforms : ndarray, shape (1 or trials, p, 6)
-        Known carriers.
+        Known platforms.
     whitener : Whitener
         The noise covariance, factored; of one or of every trial.
     """
