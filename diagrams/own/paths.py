@@ -46,6 +46,7 @@ Array = NDArray[np.float64]
 Path = Callable[[float], Array]
 
 _KM = 1e3
+_INSIDE = 6.3e6  # m from the Earth's centre, 57 km below the poles
 
 _EARTH = (Geodetic, StraightLine, GreatCircle, Waypoints, Rocket, Kepler, PositionVelocity, Offset, Tle, Sp3, Track)
 
@@ -181,6 +182,8 @@ def _native(
                 _three(mover.velocity_mps, f"{where}.velocity_mps"),
             ]
         )
+        if not frame.flat and np.linalg.norm(begin[:3]) < _INSIDE:
+            raise UserError(f"{where}.position_km: {list(mover.position_km)} is not allowed; it is inside the Earth")
         return lambda t: straight_line(begin, t), None
     assert isinstance(mover, Geodetic | GreatCircle | StraightLine)
     course, speed = (0.0, 0.0) if isinstance(mover, Geodetic) else (mover.course_deg, mover.speed_mps)

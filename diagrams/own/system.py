@@ -17,6 +17,7 @@ from diagrams.assembly.system import System
 from diagrams.errors import UserError, shown
 from diagrams.formation import gravity_constants
 from diagrams.own import plants
+from diagrams.own.apart import check_apart
 from diagrams.own.beginning import Begin, Surroundings, begin
 from diagrams.own.impairing import Together, impaired
 from diagrams.own.movers import Mover, RandomMotion, Tle
@@ -95,6 +96,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
     if isinstance(flight, CustomMotion):
         flight.check(np.stack([path(0.0)] * 2), scenario.period_s)
     _check_seen(scenario, sensors, path, carriers)
+    check_apart(scenario, sensors, path, carriers)
     kinds = [kind for one in sensors for kind in one.kinds]
     around = Surroundings(scenario, kinds, clock, motion.size, path, carriers, setting)
     start, needed = begin(around)

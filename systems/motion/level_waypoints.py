@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from systems.geodetic import enu_rotation
 from systems.motion.great_circle import level_state
+from systems.motion.waypoints import REVERSAL
 
 __all__ = ["LevelWaypointPath"]
 
@@ -93,6 +94,9 @@ def _segments(normals: Array, axes: Array, lengths: Array, rate: float, turn_rat
     before, behind = np.cross(axes[:-1], inner), np.cross(axes[1:], inner)
     left = np.einsum("ki,ki->k", axes[:-1], behind)
     turns = np.arctan2(left, np.einsum("ki,ki->k", before, behind))
+    if np.any(np.abs(turns) > REVERSAL):
+        at = int(np.argmax(np.abs(turns) > REVERSAL)) + 1
+        raise ValueError(f"waypoints: at {at} the course is reversed; a turn of less than 180 deg is needed")
     with np.errstate(over="ignore"):
         sines = rate / turn_rate * np.abs(np.tan(turns / 2))
     radius = math.atan(rate / turn_rate)

@@ -10,9 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from systems.angle_wrapping import wrap
 
-__all__ = ["WaypointPath"]
+__all__ = ["REVERSAL", "WaypointPath"]
 
 Array = NDArray[np.float64]
+
+REVERSAL = math.pi - 1e-6
+"""Turns of more are none [rad]."""
 
 
 class WaypointPath:
@@ -52,6 +55,9 @@ class WaypointPath:
             raise ValueError(f"waypoints: {at} and {at + 1} are equal")
         courses = np.arctan2(legs[:, 1], legs[:, 0])
         turns = wrap(np.diff(courses))
+        if np.any(np.abs(turns) > REVERSAL):
+            at = int(np.argmax(np.abs(turns) > REVERSAL)) + 1
+            raise ValueError(f"waypoints: at {at} the course is reversed; a turn of less than 180 deg is needed")
         radius = speed / turn_rate
         with np.errstate(over="ignore"):
             cut = np.concatenate([[0.0], radius * np.abs(np.tan(turns / 2)), [0.0]])

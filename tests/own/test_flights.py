@@ -92,7 +92,7 @@ def test_waypoints_on_one_great_circle_are_a_great_circle():
         (
             Waypoints(points_deg=[[0, 0], [0, 1], [0, 0]]),
             "earth_fixed",
-            "target: waypoints: the leg from 0 to 1, 1 deg",
+            "target: waypoints: at 1 the course is reversed",
         ),
         (ROCKET, "local", "target: !Rocket is not allowed in frame local; !Fixed, !Straight, !Waypoints, !Track"),
     ],

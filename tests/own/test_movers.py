@@ -86,7 +86,7 @@ def write_sp3(file, every=60, count=15):
 WAY = [[47.0, 10.0], [47.3, 10.1], [47.35, 10.6], [47.1, 10.7]]
 MOVERS = [
     Fixed(1, 2, 3),
-    Straight([1.0, 2.0, 3.0], [40.0, -50.0, 6.0]),
+    Straight([6400.0, 2.0, 3.0], [40.0, -50.0, 6.0]),
     Waypoints(points_km=[[0, 0], [4, 1], [5, -4]], height_m=500, speed_mps=60),
     Waypoints(points_deg=WAY, height_m=9000, speed_mps=400, turn_rate_degps=1.5),
     Geodetic(48, 11, 500),

@@ -212,6 +212,18 @@ MISTAKES = {
         "sensors.bearing.errors.clock_offset_ns: 5 is not allowed",
     ),
     "orbit on a flat Earth": ({"belief.motion": "!Orbital {}"}, "belief.motion: !Orbital is for frame inertial only"),
+    "a target on a station": (
+        {"target": "!Fixed {up_m: 5}"},
+        "target: at 0 s it is where platforms.delta is, which has no direction to it",
+    ),
+    "a target that starts on a station": (
+        {"target": "!RandomMotion {start: !Fixed {up_m: 5}}"},
+        "target: at 0 s it is where platforms.delta is",
+    ),
+    "a way there and back": (
+        {"target.points_km": "[[0, 0], [5, 0], [0, 0]]"},
+        "target: waypoints: at 1 the course is reversed; a turn of less than 180 deg is needed",
+    ),
     "too few numbers": (
         {"target": "!Straight {position_km: [1, 2]}"},
         "target.position_km: [1.0, 2.0] is not allowed; 3 finite",
@@ -225,6 +237,18 @@ def test_mistakes_are_one_clear_line(title):
     with pytest.raises(UserError) as caught:
         study("drone.yaml", 1, changes)
     assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_target_beside_a_station_and_one_that_leaves_it_at_random():
+    near = study("drone.yaml", 2, {"duration_s": 2, "target": "!Fixed {up_m: 5.1}"}, estimators=["ukf"])
+    random = {"target": "!RandomMotion {start: !Fixed {up_m: 5}, sigma_position_m: 10}", "duration_s": 2}
+    for result in (near, study("drone.yaml", 2, random, estimators=["ukf"])):
+        assert (result["bound_position"] < 200).all()  # of a prior of 1386 m
+
+
+def test_a_straight_course_does_not_begin_inside_the_earth():
+    with pytest.raises(UserError, match=r"target\.position_km: \[0\.0, 0\.0, 0\.0\] is not allowed.* inside the Earth"):
+        study("ship.yaml", 1, {"target": "!Straight {velocity_mps: [8, 0, 0]}"})
 
 
 def test_a_target_that_nobody_sees():
