@@ -38,8 +38,8 @@ from diagrams.parts.movers import ModelTarget, Platforms
 from diagrams.parts.sensing import TargetSensor
 from systems.clocks import Clock, Periodic
 from systems.estimators.azimuth_filter import AzimuthFilter
-from systems.estimators.base import Wiring
 from systems.estimators.options import EstimatorOptions
+from systems.estimators.wiring import Wiring
 from systems.plants.path import Path
 
 __all__ = ["SYSTEM"]

@@ -17,12 +17,13 @@ from pydrake.systems.framework import DiagramBuilder
 from diagrams.bearings_file import Bearings, read_bearings
 from diagrams.replay import Dataset
 from diagrams.tables import Column, Table
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.bearing_start import BearingStart
 from systems.estimators.crossing import Crossing
 from systems.estimators.ekf import Ekf
 from systems.estimators.mgekf import Mgekf
 from systems.estimators.options import EstimatorOptions
+from systems.estimators.wiring import Wiring
 from systems.fixes.bearing_belief import BearingCost, believable, small_sample_coverage
 from systems.fixes.von_mises import DirectionFix, robust_fix, sample, von_mises_fix, weighted_fix
 from systems.measurement.bearing import Bearing, to_compass

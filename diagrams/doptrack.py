@@ -24,8 +24,8 @@ from diagrams.doptrack_settings import ORDERS, Settings
 from diagrams.doptrack_stream import batch_fix, read_stream, start_at
 from diagrams.parts.recorded import RecordedStream
 from diagrams.states import POSITION
-from systems.estimators.base import Tails
 from systems.estimators.start import GivenStart
+from systems.estimators.wiring import Tails
 from systems.measurement.altitude import Altitude
 from systems.measurement.range_rate import RangeRate
 from systems.measurement.stack import Stack

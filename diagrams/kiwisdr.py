@@ -25,9 +25,9 @@ from diagrams.kiwisdr_settings import Settings
 from diagrams.replay import Dataset
 from diagrams.tables import Column, Table
 from systems.constants import SPEED_OF_LIGHT
-from systems.estimators.base import Wiring
 from systems.estimators.iekf import Iekf
 from systems.estimators.snapshot_start import SnapshotStart
+from systems.estimators.wiring import Wiring
 from systems.files import read_text
 from systems.fixes.snapshot import snapshot_fix, starts_around
 from systems.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef

@@ -13,7 +13,8 @@ from diagrams.assembly.model import Assumed, Model
 from diagrams.errors import UserError
 from systems.clocks import Clock
 from systems.counting import tally
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
+from systems.estimators.wiring import Wiring
 from systems.motion.base import MotionModel
 from systems.signals import EnsembleBlock, components_of
 

@@ -11,8 +11,9 @@ from diagrams.assembly.frame import EARTH_FIXED, Frame, as_frame
 from diagrams.assembly.map import BoundMap, View
 from diagrams.assembly.recorded import Recorded
 from systems.clocks import Clock
-from systems.estimators.base import Estimator, Tails
+from systems.estimators.base import Estimator
 from systems.estimators.start import Start
+from systems.estimators.wiring import Tails
 from systems.integration import LONGEST_STEP
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel

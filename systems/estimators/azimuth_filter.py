@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from systems.angle_wrapping import wrap
 from systems.documented import choice, number
-from systems.estimators.base import Wiring
 from systems.estimators.kalman import KalmanEstimator
 from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.base import positive
 from systems.measurement.direct_azimuth import DirectAzimuth

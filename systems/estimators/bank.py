@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.documented import count, number
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.hypothesis_bank import HypothesisBank
 from systems.estimators.memory import Epoch, Memory
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import GaussianFilter
 from systems.filters.hypotheses import mixture
 from systems.filters.iterated_extended import IteratedExtendedKalman

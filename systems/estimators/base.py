@@ -11,78 +11,26 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
-from systems.clocks import Clock, same_instant
+from systems.clocks import same_instant
 from systems.counting import tally
 from systems.estimators.memory import TO_COME, Epoch, Innovation, Memory, Remembered
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.filters.whitening import unknown_rows
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
-from systems.signals import EnsembleBlock, check_trials, components_of
+from systems.signals import EnsembleBlock, components_of
 
-__all__ = ["Estimator", "Tails", "Wiring"]
+__all__ = ["Estimator"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-
-class Tails(NamedTuple):
-    """Rows whose noise has tails as Student's t.
-
-    Attributes
-    ----------
-    rows : tuple of str
-        Their names.
-    freedom : float
-        Degrees of freedom; the fewer the heavier.
-    """
-
-    rows: tuple[str, ...]
-    freedom: float
-
-
-@dataclass(frozen=True)
-class Wiring:
-    """What surrounds an estimator; the same for all estimators of a diagram.
-
-    Parameters
-    ----------
-    trials : int
-        Trials of the ensemble.
-    stream : sequence of str
-        Names of the rows on the measurement port; an estimator picks those of its own model by name.
-    clock : Clock
-        When measurements come.
-    platforms : int
-        Number of platforms on the port, six numbers each.
-    platform_trials : int
-        1 where all trials share the platforms, else `trials`.
-    noise_port : bool
-        True where R comes with the measurement, on the port ``noise_covariance``.
-    tails : Tails, optional
-        Rows whose noise is not Gaussian; Kalman-type filters weigh them accordingly.
-    """
-
-    trials: int
-    stream: Sequence[str]
-    clock: Clock
-    platforms: int
-    platform_trials: int = 1
-    noise_port: bool = False
-    tails: Tails | None = None
-
-    def __post_init__(self) -> None:
-        """Check the arguments."""
-        check_trials(self.trials)
-        if self.platform_trials not in (1, self.trials):
-            raise ValueError(f"platforms have {self.platform_trials} trials; 1 or {self.trials} are allowed")
 
 
 class Estimator(EnsembleBlock):

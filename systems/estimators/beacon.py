@@ -4,10 +4,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from systems.documented import number
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.kalman import KalmanEstimator
 from systems.estimators.start import Start
 from systems.estimators.ukf import Ukf
+from systems.estimators.wiring import Wiring
 from systems.filters.common_mode import CommonModeMonitor
 from systems.filters.unscented import UnscentedKalman
 from systems.measurement.base import MeasurementModel

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.bearing_start import BearingStart
 from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import predict_extended
 from systems.fixes.bearing_likelihood import BearingHistory
 from systems.measurement.base import MeasurementModel

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.documented import choice, count, number, text
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.bearing_lines import BearingLocator, Lately, Sighting
 from systems.estimators.memory import Memory
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.fixes.crossing import Lines, crossing, crossing_covariance, instrumental_variable
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from systems.documented import documented, text
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.kalman import KalmanEstimator
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import GaussianFilter
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel

@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.kalman import KalmanEstimator
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel

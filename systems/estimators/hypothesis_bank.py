@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.angle_wrapping import wrap
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.hypotheses_start import HypothesesStart
 from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import GaussianFilter, take
 from systems.filters.hypotheses import branch, in_doubt, log_evidence, mixture, reweigh
 from systems.filters.linear_algebra import symmetric

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from systems.documented import count, number
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.hypotheses_start import HypothesesStart
 from systems.estimators.hypothesis_bank import HypothesisBank, phases_of
 from systems.estimators.known_height_start import KnownHeightStart
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.base import MeasurementModel
 from systems.measurement.stack import Stack

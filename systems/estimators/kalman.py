@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import GaussianFilter
 from systems.filters.robust import StudentRows
 from systems.filters.whitening import Whitener

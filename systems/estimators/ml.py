@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.documented import count, documented
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.bearing_lines import BearingLocator, Lately, Sighting
 from systems.estimators.memory import Epoch, Memory
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.fixes.bearing_likelihood import BearingHistory, Fit, QuadraticPrior, fold, maximum_likelihood
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel

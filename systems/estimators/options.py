@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from systems.documented import documented
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 

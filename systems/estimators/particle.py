@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.estimators.start import CloudStart, Start
+from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import take
 from systems.filters.linear_algebra import semidefinite_root
 from systems.filters.particle.draws import Draws

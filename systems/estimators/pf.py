@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 
 from systems.documented import choice, count, documented, number
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.particle import ParticleEstimator
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.filters.particle.resampling import SCHEMES
 from systems.filters.particle.update import ParticleUpdate
 from systems.measurement.base import MeasurementModel

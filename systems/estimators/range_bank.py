@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 
 from systems.documented import choice, count, number
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.bearing_start import BearingStart
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.range_parameterised import RangeParameterised
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import GaussianFilter
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.modified_gain import ModifiedGainKalman

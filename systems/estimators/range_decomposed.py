@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
 from systems.documented import choice, count, documented, number
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.estimators.options import EstimatorOptions
 from systems.estimators.start import Start
+from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import predict_extended
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.whitening import Whitener

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.estimators.base import Estimator, Wiring
+from systems.estimators.base import Estimator
 from systems.estimators.bearing_start import BearingStart
 from systems.estimators.memory import Epoch, Innovation, Memory
+from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import GaussianFilter, take
 from systems.filters.whitening import Whitener
 from systems.measurement.base import MeasurementModel

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.estimators.base import Wiring
 from systems.estimators.kalman import KalmanEstimator
 from systems.estimators.start import GivenStart
+from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import GaussianFilter
 from systems.filters.whitening import Whitener
 from systems.recorder import record

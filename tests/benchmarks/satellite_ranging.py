@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.clocks import Periodic
-from systems.estimators.base import Wiring
 from systems.estimators.memory import Epoch
 from systems.estimators.range_decomposed import RangeDecomposed
 from systems.estimators.start import GivenStart
+from systems.estimators.wiring import Wiring
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.whitening import Whitener
 from systems.fixes.orbit_plane import plane_normal

@@ -5,8 +5,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from systems.clocks import Periodic
-from systems.estimators.base import Wiring
 from systems.estimators.start import GivenStart
+from systems.estimators.wiring import Wiring
 from systems.measurement.base import MeasurementModel
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.recorder import record

@@ -8,11 +8,11 @@ import pytest
 from systems.angle_wrapping import wrap
 from systems.clocks import Periodic, Times
 from systems.estimators.azimuth_filter import AzimuthFilter
-from systems.estimators.base import Wiring
 from systems.estimators.bearing_start import BearingStart
 from systems.estimators.crossing import Crossing
 from systems.estimators.ml import Ml
 from systems.estimators.range_bank import RangeBank
+from systems.estimators.wiring import Wiring
 from systems.measurement.bearing import Bearing
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.motion.stationary import Stationary

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from systems.clocks import Periodic
-from systems.estimators.base import Wiring
 from systems.estimators.start import GivenStart
+from systems.estimators.wiring import Wiring
 from systems.measurement.relative_kinematics import ROWS
 from systems.motion.orbital import OrbitalMotion
 from systems.registry import ESTIMATORS, object_at

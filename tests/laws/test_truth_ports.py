@@ -7,9 +7,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from diagrams.errors import UserError
 from diagrams.score import Score
 from systems.clocks import Periodic
-from systems.estimators.base import Wiring
 from systems.estimators.ekf import Ekf
 from systems.estimators.start import GivenStart
+from systems.estimators.wiring import Wiring
 from systems.measurement.altitude import Altitude
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.plants.emitter import StraightLine

@@ -7,9 +7,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.arrival_gate import KEPT, REFUSED, ArrivalGate, without_receivers
-from systems.estimators.base import Wiring
 from systems.estimators.iekf import Iekf
 from systems.estimators.snapshot_start import SnapshotStart
+from systems.estimators.wiring import Wiring
 from systems.fixes.snapshot import snapshot_fix, starts_around
 from systems.geodetic import geodetic_state
 from systems.measurement.altitude import Altitude

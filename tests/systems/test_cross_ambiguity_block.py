@@ -10,9 +10,9 @@ from systems.ambiguity.differences import Flag, Window
 from systems.ambiguity.estimate import CrossAmbiguity
 from systems.ambiguity.prefilter import RootRaisedCosine
 from systems.clocks import Periodic
-from systems.estimators.base import Wiring
 from systems.estimators.ekf import Ekf
 from systems.estimators.start import GivenStart
+from systems.estimators.wiring import Wiring
 from systems.iq.block import IqBlock
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.stack import Stack

@@ -14,13 +14,13 @@ from diagrams.three_satellite_models import models
 from systems.angle_wrapping import wrap
 from systems.clocks import Periodic
 from systems.constants import SPEED_OF_LIGHT
-from systems.estimators.base import Wiring
 from systems.estimators.hypotheses_start import HypothesesStart
 from systems.estimators.iekf_hypotheses import IekfHypotheses
 from systems.estimators.kalman import KalmanEstimator
 from systems.estimators.known_height_start import KnownHeightStart
 from systems.estimators.memory import Epoch
 from systems.estimators.start import GivenStart
+from systems.estimators.wiring import Wiring
 from systems.filters.hypotheses import branch, log_evidence, mixture, reweigh
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.fixes.delay_curve import delay_curve

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from systems.clocks import Periodic
-from systems.estimators.base import Wiring
 from systems.estimators.range_decomposed import Ra, RangeDecomposed, RaPaper
 from systems.estimators.start import GivenStart
+from systems.estimators.wiring import Wiring
 from systems.fixes.orbit_plane import common_plane
 from systems.measurement.ranged_position import RangedPosition
 from systems.measurement.relative_kinematics import ROWS, RelativeKinematics

@@ -6,9 +6,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from systems.clocks import Times
-from systems.estimators.base import Wiring
 from systems.estimators.iekf import Iekf
 from systems.estimators.start import GivenStart
+from systems.estimators.wiring import Wiring
 from systems.geodetic import geodetic_state
 from systems.measurement.altitude import Altitude
 from systems.measurement.refractivity import mean_refractivity

@@ -5,8 +5,8 @@ import pytest
 
 from systems.clocks import Periodic
 from systems.estimators.bank import Bank, RootsStart
-from systems.estimators.base import Wiring
 from systems.estimators.start import GivenStart
+from systems.estimators.wiring import Wiring
 from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
 from systems.motion.orbital import OrbitalMotion
 from tests.laws.rig import run
