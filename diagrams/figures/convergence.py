@@ -14,6 +14,7 @@ from diagrams.metrics import convergence_time
 __all__ = ["draw_convergence"]
 
 _FRACTIONS = (0.75, 0.5, 1 / 3)
+_FEW = 8  # estimators; numbers of more stand upright, for the bars are narrow
 
 
 def draw_convergence(dataset: xr.Dataset, curve: xr.DataArray) -> Figure:
@@ -37,7 +38,7 @@ def draw_convergence(dataset: xr.Dataset, curve: xr.DataArray) -> Figure:
         values = curve.sel(estimator=name).values
         places = np.arange(len(_FRACTIONS)) + (i - (len(shown) - 1) / 2) * width
         needed = [convergence_time(time, values, fraction=fraction) for fraction in _FRACTIONS]
-        axes.bar(places, np.nan_to_num(needed), width * 0.92, color=look.color, label=name)
+        axes.bar(places, np.nan_to_num(needed), width * 0.92, label=name, **look.bar())
         for x, t in zip(places, needed, strict=True):
             reached = not math.isnan(t)
             axes.annotate(
@@ -47,8 +48,8 @@ def draw_convergence(dataset: xr.Dataset, curve: xr.DataArray) -> Figure:
                 textcoords="offset points",
                 ha="center",
                 va="bottom",
-                rotation=0 if reached else 90,
-                fontsize=11,
+                rotation=0 if reached and len(shown) <= _FEW else 90,
+                fontsize=11 if len(shown) <= _FEW else 9,
                 color="black" if reached else look.color,
             )
     axes.set_xticks(range(len(_FRACTIONS)), [f"{100 * fraction:.0f} %" for fraction in _FRACTIONS])

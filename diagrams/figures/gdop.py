@@ -26,6 +26,7 @@ def _series(steps: Sequence[float]) -> np.ndarray:
 _LEVELS = _series([1.0, 1.5, 2.0, 3.0, 5.0, 7.0])
 _FINE = _series([1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0, 9.0])
 _TRACK, _POINT = "#d55e00", "#a0407c"
+_MARKER: dict[str, Any] = {"markeredgecolor": "white", "markersize": 10}
 _WIDEST = 115  # characters of a title
 _FEW, _MOST = 7, 16  # levels on a map: with fewer finer ones, with more every other one
 _TITLES = {"position": "position error (root of the trace)", "height": "height error", "velocity": "velocity error"}
@@ -145,11 +146,11 @@ def _draw_tracks(figure: Figure, axes: Any, dataset: xr.Dataset) -> None:
             axes.plot(track[:, 1], track[:, 0], color=_TRACK, linewidth=1.8, label=once(label))
         shown = once("at half time" if moves else label)
         place = track[len(track) // 2]
-        axes.plot(place[1], place[0], "^", color=_TRACK, markeredgecolor="white", markersize=10, label=shown)
+        axes.plot(place[1], place[0], "^", color=_TRACK, label=shown, zorder=4, **_MARKER)
     points = dataset["point"].values
     if points.size:
         label = dataset.attrs["points_label"]
-        axes.plot(points[:, 1], points[:, 0], "s", color=_POINT, markeredgecolor="white", label=label, markersize=9)
+        axes.plot(points[:, 1], points[:, 0], "s", color=_POINT, label=label, zorder=4, **_MARKER)
     if axes.get_legend_handles_labels()[1]:
         # beside the map, which it would hide
         figure.legend(loc="outside lower center", ncols=3, frameon=False)

@@ -24,6 +24,7 @@ _PLATFORMS = "0.35"
 _TARGET, _TARGET_TRACK = "black", "#d55e00"
 _MOST_TRIALS = 20  # tracks of the target; enough to see how trials differ
 _AT_REST = 1.0  # m; what moves less is drawn as a place
+_EDGE, _MOST_OF_THEM = 3.0, 90  # the axes end at so many times what so many percent of the dots keep
 _KM, _IN_KM = 1e3, 1e3  # m; clouds that reach further than this are drawn in kilometres
 
 
@@ -59,7 +60,7 @@ def draw_ground(dataset: xr.Dataset) -> Figure:
     ends = _draw_tracks(left, dataset, ground)
     _draw_last_errors(right, dataset, ground)
     figure.suptitle(title(dataset))
-    legend_outside(figure, right, markerscale=2.5)
+    legend_outside(figure, right, markerscale=2.0)
     name_places(figure, left, ends, _PLATFORMS)
     return figure
 
@@ -126,9 +127,10 @@ def _draw_last_errors(axes: Any, dataset: xr.Dataset, ground: Ground) -> None:
     wider = np.argsort(np.argsort(widths, kind="stable"))  # the wider a cloud the lower it lies
     for cloud, rank, (name, look) in zip(clouds, wider, looks(dataset).items(), strict=True):
         x, y = cloud.T / (_KM if unit == "km" else 1.0)
-        axes.plot(x, y, ".", color=look.color, markersize=5, label=name, zorder=3 - 0.01 * rank)
+        axes.plot(x, y, label=name, zorder=3 - 0.01 * rank, **look.dots())
     if not any(map(len, clouds)):
         axes.set(xlim=(-1, 1), ylim=(-1, 1))  # nothing but the truth
+    beyond = _leave_out_the_lost(axes, np.concatenate(clouds) / (_KM if unit == "km" else 1.0))
     axes.axhline(0, color="0.6", linewidth=0.8)
     axes.axvline(0, color="0.6", linewidth=0.8)
     axes.plot(0, 0, "+", color=_TARGET, markersize=14, markeredgewidth=2, zorder=4)
@@ -136,7 +138,17 @@ def _draw_last_errors(axes: Any, dataset: xr.Dataset, ground: Ground) -> None:
     axes.set(
         xlabel=f"{ground.offset_labels[0]} [{unit}]",
         ylabel=f"{ground.offset_labels[1]} [{unit}]",
-        title=f"estimate minus truth at {float(last['time']):g} s, one dot per trial",
+        title=f"estimate minus truth at {float(last['time']):g} s, one dot per trial{beyond}",
     )
     axes.locator_params(axis="x", nbins=6)
     grid(axes)
+
+
+def _leave_out_the_lost(axes: Any, dots: Array) -> str:
+    """Limit the axes where a few dots (n, 2) are so far off that nothing else could be seen; say how many."""
+    far = np.abs(dots).max(axis=-1, initial=0.0)
+    edge = _EDGE * np.percentile(far, _MOST_OF_THEM) if far.size else 0.0
+    if not 0 < _EDGE * edge < far.max(initial=0.0):
+        return ""
+    axes.set(xlim=(-edge, edge), ylim=(-edge, edge))
+    return f"\n({np.count_nonzero(far > edge)} beyond the edge)"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from diagrams.figures.style import grid, log_scale, new_figure, save
+from diagrams.figures.style import PlainLog, grid, log_scale, new_figure, save
 
 __all__ = ["draw_observability", "observe_figures"]
 
@@ -56,6 +56,7 @@ def draw_observability(one: Mapping[str, Any], time_s: Sequence[float], title: s
         )
     above.axhline(1.0, color="0.3", linestyle=(0, (4, 2)), linewidth=1.3, label="as good as the prior")
     above.set_xscale("log")
+    above.xaxis.set_major_formatter(PlainLog())
     log_scale(above)
     above.set_ylabel("sigma from measurements / prior")
     grid(above)

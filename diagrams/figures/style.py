@@ -32,6 +32,8 @@ _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#
 _DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), "-", (0, (6, 2)), (0, (2, 1.5)))
 _WIDTHS = (3.2, 2.4, 2.0, 2.0, 2.0, 2.0, 2.0)  # the first is thick, so that one that lies on it shows both
 
+_MARKERS, _HATCHES = (".", "x", "^"), ("", "///", "...")
+
 
 class Look(NamedTuple):
     """How an estimator is drawn, in every figure of a study."""
@@ -39,19 +41,35 @@ class Look(NamedTuple):
     color: str
     linestyle: Any
     linewidth: float
+    marker: str
+    hatch: str
 
     def line(self) -> dict[str, Any]:
         """Return the keywords of a line."""
-        return self._asdict()
+        return {"color": self.color, "linestyle": self.linestyle, "linewidth": self.linewidth}
+
+    def bar(self) -> dict[str, Any]:
+        """Return the keywords of a bar."""
+        return {"color": self.color, "hatch": self.hatch, "edgecolor": "white", "linewidth": 0}
+
+    def dots(self) -> dict[str, Any]:
+        """Return the keywords of a cloud of dots."""
+        return {"color": self.color, "marker": self.marker, "markersize": 5, "linestyle": "none"}
 
 
 def looks(dataset: xr.Dataset) -> dict[str, Look]:
     """Return the look of each estimator, by its place in the result."""
     names = [str(name) for name in dataset["estimator"].values]
     size = len(_COLOURS)
-    # from the eighth on the colours come again, with the next dashes and thin
+    # from the eighth on the colours come again, with the next dashes, marker and hatch, and thin
     return {
-        name: Look(_COLOURS[i % size], _DASHES[(i + i // size) % size], _WIDTHS[min(i, size - 1)])
+        name: Look(
+            _COLOURS[i % size],
+            _DASHES[(i + i // size) % size],
+            _WIDTHS[min(i, size - 1)],
+            _MARKERS[i // size % len(_MARKERS)],
+            _HATCHES[i // size % len(_HATCHES)],
+        )
         for i, name in enumerate(names)
     }
 

@@ -13,7 +13,7 @@ from systems.measurement.geometry import line_of_sight
 from systems.measurement.range_rate import RangeRate, common_part
 from systems.measurement.visibility import ElevationMask
 from systems.noise import normal
-from systems.signals import EnsembleBlock
+from systems.signals import EnsembleBlock, components_of
 
 __all__ = ["BeaconStations"]
 
@@ -87,7 +87,7 @@ class BeaconStations(EnsembleBlock):
         self._cached_parts = parts
         draw = self.declare_draw()
         tickets = {self.time_ticket(), self.cached_ticket(parts), draw, *inputs}
-        self.declare_output("measurement", trials, model.size, self._measure, tickets)
+        self.declare_output("measurement", trials, model.size, self._measure, tickets, components_of(model))
         common_trials = max(target_trials, bias_trials)
         self.declare_output("common", common_trials, 1, self._common, {self.cached_ticket(parts)})
 

@@ -2,6 +2,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from diagrams.assembly.frame import EARTH_FIXED
 from diagrams.figures import study_figures
 from diagrams.figures.consistency import draw_consistency
 from diagrams.figures.convergence import draw_convergence
@@ -179,3 +180,24 @@ def test_health_of_particle_filters():
     figure = draw_particle_health(data)
     assert [axes.get_ylabel() for axes in figure.axes] == ["unique ancestors", "effective particles", "recent evidence"]
     assert [len(axes.get_lines()) for axes in figure.axes] == [1, 1, 2]  # and the threshold of the evidence
+
+
+def test_platforms_are_named_where_their_tracks_end():
+    data = full_result().assign_coords(platform=["east", "west"])
+    figure = draw_ground(data)
+    figure.draw_without_rendering()
+    axes = figure.axes[0]
+    labels = {text.get_text(): text for text in axes.texts}
+    ends = EARTH_FIXED.ground.places(data["platforms"].values[-1, 0, None, :3], data["truth"].values[0, :3])
+    assert {"east", "west"} <= set(labels)
+    np.testing.assert_allclose(labels["east"].xy, ends[0], rtol=1e-12)
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["platforms", "target"]
+
+
+def test_a_trial_that_is_lost_does_not_press_the_others_into_a_point():
+    data = result(trials=50)
+    near = draw_ground(data).axes[1]
+    assert "beyond" not in near.get_title()
+    data["estimate"][0, 7] += 1e7
+    far = draw_ground(data).axes[1]
+    assert "(1 beyond the edge)" in far.get_title() and far.get_xlim()[1] < 1e2
