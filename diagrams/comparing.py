@@ -19,7 +19,7 @@ from diagrams.output import OutputFolder
 from diagrams.recordings import with_data
 from diagrams.results import open_result, write_summary
 from diagrams.study import join
-from diagrams.tables import Column, Styled, Table, lost, number, print_table, with_interval
+from diagrams.tables import Column, Styled, Table, lost, print_table, three_digits, with_interval
 from diagrams.terminal import say
 
 __all__ = ["FORMATS", "compare_command", "comparison_markdown", "comparison_table"]
@@ -168,11 +168,11 @@ def _rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
             best = found["best"][metric]
             cell = with_interval(row[metric])
             cells.append(f"{_BEST}{cell}{_BEST}" if best and best["significant"] and best["name"] == name else cell)
-        efficiency = number(row["efficiency"]["value"])
+        efficiency = three_digits(row["efficiency"]["value"])
         if efficiency != "-" and not row["efficiency_means_something"]:
             efficiency += _NOT_EFFICIENT
         verdict = row["nees_verdict"]
-        nees = number(row["nees_per_state"]["value"])
+        nees = three_digits(row["nees_per_state"]["value"])
         if nees == "-" and verdict == "high":
             nees = "infinite:"
         shown = name if row["causal"] else f"{name} (not causal)"
@@ -180,11 +180,11 @@ def _rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
             (
                 shown,
                 *cells,
-                number(row["median_position_m"]),
+                three_digits(row["median_position_m"]),
                 efficiency,
                 nees if verdict in (None, "in band") else f"{nees} {verdict}",
                 lost(row["diverged"], row["not_started"]),
-                number(row["cost_us"]),
+                three_digits(row["cost_us"]),
             )
         )
     return rows

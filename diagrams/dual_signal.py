@@ -31,7 +31,7 @@ from systems.plants.orbit import DenseOrbit
 from systems.plants.transmitter import Transmitter
 from systems.sensors.cross_ambiguity import QUALITY, CrossAmbiguitySensor
 from systems.sensors.inter_satellite_link import InterSatelliteLink
-from systems.sensors.joined import JoinedMeasurements, Part
+from systems.sensors.joined import JoinedMeasurements, JoinedPart
 from systems.sensors.receiver import Receiver
 from systems.sensors.search_window import SearchWindow
 
@@ -271,7 +271,7 @@ class SignalChain:
             gives={"quality": "quality", "differences_covariance": "noise_covariance"},
             takes={"main": "main_receiver.iq", "auxiliary": "inter_satellite_link.iq"},
         ).get_name()
-        parts = {"direction": Part(2, self.direction.noise_covariance()), "differences": Part(2)}
+        parts = {"direction": JoinedPart(2, self.direction.noise_covariance()), "differences": JoinedPart(2)}
         bus.add(
             JoinedMeasurements(parts, bus.trials),
             gives={"measured": "measurement", "noise_covariance": "noise_covariance"},

@@ -37,7 +37,7 @@ from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.constant_velocity import WhiteNoiseAcceleration
 from systems.recorder import record
-from systems.sensors.joined import JoinedMeasurements, Part
+from systems.sensors.joined import JoinedMeasurements, JoinedPart
 from systems.signals import Constant
 
 __all__ = ["DATASET", "KiwiData", "KiwiReplay", "Settings", "locate", "read_folder"]
@@ -152,8 +152,8 @@ def locate(data: KiwiData, settings: Settings | None = None) -> KiwiReplay:
     # what is known of the altitude is spread over all epochs: in the whole it is known once
     altitude = Altitude(settings.sigma_altitude_m * math.sqrt(epochs))
     model = Stack([Tdoa(1e-6, [j for _, j in used]), altitude])
-    parts = {f"pair_{j}{i}": Part(2) for i, j in used}
-    joined = builder.AddSystem(JoinedMeasurements({**parts, "altitude": Part(1, altitude.noise_covariance())}, 1))
+    parts = {f"pair_{j}{i}": JoinedPart(2) for i, j in used}
+    joined = builder.AddSystem(JoinedMeasurements({**parts, "altitude": JoinedPart(1, altitude.noise_covariance())}, 1))
     surface = builder.AddSystem(Constant("surface", [[0.0]]))
     builder.Connect(surface.GetOutputPort("state"), joined.GetInputPort("altitude"))
     for i, j in used:

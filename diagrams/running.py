@@ -20,7 +20,7 @@ from diagrams.recordings import only_simulated, with_data
 from diagrams.rerun import ask_again
 from diagrams.results import open_result, write_summary
 from diagrams.starting import why_not_started
-from diagrams.tables import Column, Table, lost, number, print_table
+from diagrams.tables import Column, Table, lost, print_table, three_digits
 from diagrams.terminal import say
 
 if TYPE_CHECKING:
@@ -136,9 +136,9 @@ def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
     for name, row in estimators.items():
         table.add(
             name if row.get("causal", True) else f"{name} (not causal)",
-            *(number(row["rmse_position_m"][i]) for i in picks),
+            *(three_digits(row["rmse_position_m"][i]) for i in picks),
             *(
-                number(_last(row, key))
+                three_digits(_last(row, key))
                 for key in ("median_position_m", "bound_position_m", "rmse_height_m", "rmse_velocity_mps", "nees_mean")
             ),
             lost(row["diverged"], row["not_started"]),

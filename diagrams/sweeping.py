@@ -14,7 +14,7 @@ import xarray as xr
 from diagrams.output import OutputFolder
 from diagrams.results import open_result
 from diagrams.sweep import Sweep, sweep_statistics
-from diagrams.tables import Column, Table, lost, number, print_table, with_interval
+from diagrams.tables import Column, Table, lost, print_table, three_digits, with_interval
 from diagrams.terminal import say
 
 __all__ = ["sweep_command", "sweep_table"]
@@ -74,7 +74,7 @@ def sweep_table(found: Mapping[str, Any]) -> Table:
                 f"{value:g}",
                 with_interval(row["rmse_position_m"][k]),
                 "1" if k == 0 else with_interval(row["rmse_ratio"][k]),
-                number(row["efficiency"][k]["value"]) + ("" if row["efficiency_means_something"][k] else "†"),
+                three_digits(row["efficiency"][k]["value"]) + ("" if row["efficiency_means_something"][k] else "†"),
                 with_interval(row["nees_per_state"][k]),
                 row["nees_verdict"][k] or "-",
                 lost(row["diverged"][k], row["not_started"][k]),

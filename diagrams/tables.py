@@ -10,7 +10,7 @@ from rich.cells import cell_len
 
 from diagrams.terminal import padded, styled, width_of, wrapped, write
 
-__all__ = ["Column", "Styled", "Table", "lost", "number", "print_table", "rendered", "with_interval"]
+__all__ = ["Column", "Styled", "Table", "lost", "print_table", "rendered", "three_digits", "with_interval"]
 
 _GAP = "  "
 _MARGIN = 1
@@ -227,8 +227,8 @@ def with_interval(entry: Mapping[str, float | None]) -> str:
     if entry["value"] is None:
         return "-"
     if entry["low"] is None and entry["high"] is None:  # of a single trial
-        return number(entry["value"])
-    return f"{number(entry['value'])} ({number(entry['low'])}-{number(entry['high'])})"
+        return three_digits(entry["value"])
+    return f"{three_digits(entry['value'])} ({three_digits(entry['low'])}-{three_digits(entry['high'])})"
 
 
 def lost(diverged: int, not_started: int) -> str:
@@ -236,7 +236,7 @@ def lost(diverged: int, not_started: int) -> str:
     return f"{diverged}, {not_started} not started" if not_started else str(diverged)
 
 
-def number(value: float | None) -> str:
+def three_digits(value: float | None) -> str:
     """Return a number with about three digits; a dash for none."""
     if value is None:
         return "-"

@@ -11,13 +11,13 @@ from pydrake.systems.framework import Context
 
 from systems.signals import EnsembleBlock
 
-__all__ = ["JoinedMeasurements", "Part"]
+__all__ = ["JoinedMeasurements", "JoinedPart"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class JoinedPart:
     """What one sensor contributes.
 
     Parameters
@@ -40,7 +40,7 @@ class JoinedMeasurements(EnsembleBlock):
 
     Parameters
     ----------
-    parts : mapping of str to Part
+    parts : mapping of str to JoinedPart
         By the name of the port.
     trials : int
         Trials of the measurements.
@@ -48,7 +48,7 @@ class JoinedMeasurements(EnsembleBlock):
         Name of the block.
     """
 
-    def __init__(self, parts: Mapping[str, Part], trials: int, name: str = "measurements") -> None:
+    def __init__(self, parts: Mapping[str, JoinedPart], trials: int, name: str = "measurements") -> None:
         super().__init__(name)
         if not parts:
             raise ValueError(f"{name}: no measurement is given; at least one is needed")

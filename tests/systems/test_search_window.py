@@ -8,7 +8,7 @@ from systems.measurement.direction import Direction
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
-from systems.sensors.joined import JoinedMeasurements, Part
+from systems.sensors.joined import JoinedMeasurements, JoinedPart
 from systems.sensors.search_window import SearchWindow, delay_doppler_spread, direction_belief
 from systems.signals import Constant
 from tests.systems.dual_scene import CARRIER, scene
@@ -94,7 +94,7 @@ def test_windows_have_a_largest_size():
 
 def test_measurements_are_joined_with_their_noise():
     builder = DiagramBuilder()
-    joined = builder.AddSystem(JoinedMeasurements({"a": Part(1, [[4.0]]), "b": Part(2)}, 2))
+    joined = builder.AddSystem(JoinedMeasurements({"a": JoinedPart(1, [[4.0]]), "b": JoinedPart(2)}, 2))
     for port, value in {
         "a": [[1.0], [np.nan]],
         "b": [[2.0, 3.0], [4.0, 5.0]],
@@ -112,4 +112,4 @@ def test_measurements_are_joined_with_their_noise():
     with pytest.raises(ValueError, match="no measurement is given"):
         JoinedMeasurements({}, 1)
     with pytest.raises(ValueError, match="a noise_covariance: shape"):
-        JoinedMeasurements({"a": Part(2, [1.0])}, 1)
+        JoinedMeasurements({"a": JoinedPart(2, [1.0])}, 1)
