@@ -102,8 +102,14 @@ def _version() -> str:
         return "not installed"
 
 
-def read_mark(folder: Path) -> Mark | None:
+def read_mark(folder: Path, option: str = "--out") -> Mark | None:
     """Return what the marker of a folder says, or None if there is none that can be read.
+
+    Parameters
+    ----------
+    folder : Path
+    option : str
+        What names the folder, for messages.
 
     Raises
     ------
@@ -116,12 +122,13 @@ def read_mark(folder: Path) -> Mark | None:
         if not stat.S_ISREG(found.st_mode) or found.st_size > _LARGEST_MARKER:
             return None
         content = json.loads(path.read_text(encoding="utf-8"))
-        form, kind, finished, files = (content[key] for key in ("format", "kind", "finished", "files"))
+        form, kind, by, finished, files = (content[key] for key in ("format", "kind", "version", "finished", "files"))
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     if type(form) is int and form > FORMAT:
-        raise UserError(f"--out: {folder} was written by a later version of Quietfix; choose another folder")
-    if form != FORMAT or not isinstance(kind, str) or not isinstance(finished, bool):
+        raise UserError(f"{option}: {folder} was written by a later version of Quietfix; choose another folder")
+    texts = all(isinstance(text, str) and text for text in (kind, by))
+    if type(form) is not int or form != FORMAT or not texts or not isinstance(finished, bool):
         return None
     if files is not None and not isinstance(files, dict):
         return None

@@ -19,7 +19,7 @@ import xarray as xr
 from diagrams.errors import UserError
 from diagrams.marker import MAKING, MARKER, REPLACED, RESERVE, Busy, Mark, clear, discard, listing, lock, read_mark
 from diagrams.marker import strangers as find_strangers
-from diagrams.store import append, cut
+from diagrams.store import append, consolidate, cut
 
 __all__ = ["OutputFolder", "undisturbed", "written_beside"]
 
@@ -241,6 +241,10 @@ class OutputFolder:
             If something of that name has appeared, or changed, since the beginning; the result stays in ``partial``.
         """
         with undisturbed():
+            (self.partial / RESERVE).unlink(missing_ok=True)
+            if self.chunks:
+                with suppress(OSError):  # the result is whole without it
+                    consolidate(self.store)
             self._settle(finished=True)
             self._finished = True
             try:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import os
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from diagrams.assembly.companions import changed
 from diagrams.assembly.find import PACKAGED, RECORDINGS, Found, find, fingerprint_of, read_own, systems
 from diagrams.assembly.source import look_in
 from diagrams.errors import UserError, choose
+from diagrams.marker import MARKER, read_mark
 from diagrams.recordings import with_data
 from diagrams.result_schema import check_version
 from diagrams.results import find_store
@@ -44,9 +48,13 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
 
     if "scenario" in asked:
         raise UserError("--scenario: it cannot be combined with --from; use --set")
-    attributes = read_attributes(find_store(path))
+    store = find_store(path)
+    if os.path.lexists(store.parent / MARKER) and read_mark(store.parent, "--from") is None:
+        raise UserError(f"--from: {path}: its {MARKER} is damaged, or no marker of a result")
+    attributes = read_attributes(store)
     check_version(attributes, f"--from: {path}")
     take = _Taker(path, attributes)
+    take("version", _named, "text, the version of Quietfix that wrote it", str)
     found = _system_again(take, path, system, trust)
     variant = take("variant", lambda v: v and found.of(v).variant, "text", str) or None
     again: dict[str, Any] = {}
@@ -55,7 +63,8 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
     again["keep"] = take("keep", lambda v: choose("keep", v, KEEP), "text", str)
     if system is not None and find(system).variant not in (None, variant):
         raise UserError(f"system: {system} is not that of --from {path}, which is {found.of(variant).title}")
-    _say_changes(found, attributes.get("system_fingerprint", ""), path)
+    files = take("system_files", _fingerprints, "text, paths and fingerprints as JSON", str, "{}")
+    _say_changes(found, attributes.get("system_fingerprint", ""), path, files if isinstance(files, dict) else {})
     found = replace(found, variant=variant)
     take("scenario", lambda v: found.system.load(text=v, trust=trust), "text", str)
     options = dict(asked)
@@ -78,9 +87,10 @@ def _system_again(take: _Taker, path: Path, system: str | None, trust: bool) -> 
     take("system_fingerprint", str, "text", str, "")
     if source == "yaml":
         text = take("scenario", str, "text", str)
+        place = Path(file) if named is None or named.place is None else named.place  # it may have moved
         if trust and file:
-            look_in(Path(file).parent)
-        return Found(read_own(Path(file), text), None, name, "yaml", Path(file), fingerprint_of(Path(file)))
+            look_in(place.parent)
+        return Found(read_own(place, text), None, name, "yaml", place, fingerprint_of(place))
     return replace(named or _code_again(name, source, file, trust), variant=None)
 
 
@@ -114,8 +124,21 @@ def _code_again(name: str, source: str, file: str, trust: bool) -> Found:
     return find(name)
 
 
-def _say_changes(found: Found, before: str, path: Path) -> None:
-    """Say in one line whether a system is not any more what it was when a result was made."""
+def _fingerprints(text: str) -> dict[str, str]:
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict) or not all(isinstance(value, str) for value in found.values()):
+        raise UserError(f"system_files: {text!r:.80} is not allowed; paths and fingerprints as JSON")
+    return found
+
+
+def _say_changes(found: Found, before: str, path: Path, files: Mapping[str, str]) -> None:
+    """Say in a line each whether a system, and a file beside it, is not any more what it was when a result was made."""
+    for name, how in changed(files, None if found.place is None else found.place.parent).items():
+        used = ": it is used as it is now" if how == "has changed" else ""
+        warnings.warn(f"{name} {how} since {path} was made{used}", stacklevel=1)
     if found.fingerprint == before:
         return
     what = "has changed" if found.fingerprint else "is not there any more"
@@ -143,6 +166,12 @@ class _Taker:
             return check(value)
         except UserError as error:
             raise UserError(f"--from: {self._path}: {error}") from error
+
+
+def _named(version: str) -> str:
+    if not version.strip():
+        raise UserError("version: '' is not allowed; the version of Quietfix that wrote it")
+    return version
 
 
 def _whole(key: str, least: int) -> Callable[[int], int]:

@@ -12,7 +12,7 @@ import zarr
 
 from diagrams.errors import UserError
 
-__all__ = ["append", "check_store", "cut", "read_attributes"]
+__all__ = ["append", "check_store", "consolidate", "cut", "read_attributes"]
 
 _CODECS = ("bytes", "zstd", "blosc", "gzip", "crc32c", "transpose", "sharding_indexed", "vlen-utf8")
 """Standard Zarr 3 codecs; none of them can hold an object, a pickle or a name of a class."""
@@ -35,6 +35,13 @@ def append(store: Path, chunk: xr.Dataset, along: str, first: bool) -> None:
         fresh = _fresh(chunk, along)
         if fresh:
             chunk[fresh].to_zarr(store, mode="a", consolidated=False)
+
+
+def consolidate(store: Path) -> None:
+    """Write the metadata of all arrays into the store's own, where xarray looks for them first."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # zarr: they are not in the specification of Zarr 3 yet
+        zarr.consolidate_metadata(store)
 
 
 def _fresh(chunk: xr.Dataset, along: str) -> list[str]:

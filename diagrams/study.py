@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -17,6 +18,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from diagrams.assembly.build import Assembly, build
+from diagrams.assembly.companions import companions
 from diagrams.assembly.find import Found, find
 from diagrams.assembly.lineup import select_estimators
 from diagrams.assembly.model import Model
@@ -378,6 +380,7 @@ class Study:
             "system": request.system,
             "variant": request.variant or "",
             **self.found.attributes,
+            **({"system_files": json.dumps(files)} if (files := companions(self.found, request.scenario)) else {}),
             "seed": request.seed,
             "first_trial": request.first_trial,
             "trials": request.trials,

@@ -71,6 +71,8 @@ class Found:
         The file it is written in, of one that is not packaged.
     fingerprint : str
         ``sha256:`` and the digest of that file as it was read; empty where there is none.
+    beside : tuple of Path
+        Files in its folder that it imports.
     """
 
     system: System
@@ -79,6 +81,7 @@ class Found:
     source: str
     place: Path | None = None
     fingerprint: str = ""
+    beside: tuple[Path, ...] = ()
 
     @property
     def title(self) -> str:
@@ -197,7 +200,7 @@ def _unknown(head: str, reference: str) -> UserError:
 def _in_file(file: str, name: str | None, folder: Path) -> Found:
     path = Path(os.path.realpath(folder / file))  # unlike `resolve`, of a link to itself, too
     module, fingerprint = import_file(path, file)
-    return Found(_object(module, file, name), None, f"{file}:{name}", "file", path, fingerprint)
+    return Found(_object(module, file, name), None, f"{file}:{name}", "file", path, fingerprint, _beside(module))
 
 
 def _in_module(module: str, name: str) -> Found:
@@ -293,7 +296,7 @@ def _of_module(system: System, module: ModuleType, name: str) -> Found:
     if hasattr(module, "__fingerprint__") or module.__name__ == "__main__":
         if place is None:
             return Found(system, None, system.name, "object")
-        return Found(system, None, f"{place}:{name}", "file", place, fingerprint)
+        return Found(system, None, f"{place}:{name}", "file", place, fingerprint, _beside(module))
     return Found(system, None, f"{module.__name__}:{name}", "module", place, fingerprint)
 
 
@@ -305,6 +308,10 @@ def _modules(system: System) -> Iterator[ModuleType]:
         module: Any = loaded.get(str(name))
         if isinstance(module, ModuleType):
             yield module
+
+
+def _beside(module: ModuleType) -> tuple[Path, ...]:
+    return tuple(getattr(module, "__beside__", ()))
 
 
 def _file(module: ModuleType) -> Path | None:

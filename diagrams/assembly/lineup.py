@@ -10,7 +10,7 @@ from typing import Any
 from diagrams.errors import UserError, choose, texts
 from systems.registry import ESTIMATORS, object_at
 
-__all__ = ["check_names", "estimator_key", "refuse_classes", "select_estimators"]
+__all__ = ["check_names", "estimator_key", "parts_of", "refuse_classes", "select_estimators"]
 
 _NAME = re.compile(r"[^\W_][\w+-]{0,59}")  # it names blocks, signals, figures' labels and fields of `--set`
 
@@ -41,7 +41,7 @@ def refuse_classes(scenario: Any) -> None:
     UserError
         Naming the class.
     """
-    for where, part in _parts(scenario, ""):
+    for where, part in parts_of(scenario):
         if dataclasses.is_dataclass(part) and hasattr(part, "class_"):
             raise UserError(
                 f"{where}.class: {part.class_} is code that the result names, and is not imported; add --trust if you "
@@ -49,7 +49,7 @@ def refuse_classes(scenario: Any) -> None:
             )
 
 
-def _parts(value: Any, where: str) -> Iterator[tuple[str, Any]]:
+def parts_of(value: Any, where: str = "") -> Iterator[tuple[str, Any]]:
     """Yield everything in a scenario with its dotted path."""
     yield where, value
     inner: Iterable[tuple[Any, Any]] = ()
@@ -60,7 +60,7 @@ def _parts(value: Any, where: str) -> Iterator[tuple[str, Any]]:
     elif isinstance(value, list):
         inner = enumerate(value)
     for key, item in inner:
-        yield from _parts(item, f"{where}.{key}" if where else str(key))
+        yield from parts_of(item, f"{where}.{key}" if where else str(key))
 
 
 def estimator_key(name: str) -> str:

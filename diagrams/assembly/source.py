@@ -22,7 +22,7 @@ from systems.estimators.custom import Custom
 from systems.files import Unreadable, read_bytes
 from systems.registry import in_one_line
 
-__all__ = ["beside", "blaming", "import_file", "import_module", "line_of", "look_in"]
+__all__ = ["beside", "blaming", "import_file", "import_module", "is_users", "line_of", "look_in"]
 
 _OURS = tuple(str(Path(str(package.__file__)).resolve().parent) for package in (diagrams, systems))
 _OTHERS = tuple(
@@ -37,19 +37,28 @@ _LOOKED_IN: dict[str, None] = {}  # folders of systems of YAML, the last one fir
 
 
 @contextmanager
-def beside(folder: Path) -> Iterator[None]:
-    """Make modules of a folder importable for a while; another folder's file may have the same name."""
+def beside(folder: Path) -> Iterator[list[Path]]:
+    """Make modules of a folder importable for a while; another folder's file may have the same name.
+
+    Yields
+    ------
+    list of Path
+        In the end, the files of the folder that were imported.
+    """
+    files: list[Path] = []
     path = str(folder.resolve())
     before = set(sys.modules)
     sys.path.append(path)
     try:
-        yield
+        yield files
     finally:
         sys.path.remove(path)
         fresh = set(sys.modules) - before
         tops = {name for name in fresh if "." not in name and _folder(sys.modules[name]) == path}
         for name in fresh:
             if name.partition(".")[0] in tops:
+                file = getattr(sys.modules[name], "__file__", None)
+                files += [Path(file)] if file else []
                 del sys.modules[name]
 
 
@@ -118,13 +127,14 @@ def import_file(path: Path, shown: str) -> tuple[ModuleType, str]:
     module.__dict__["__fingerprint__"] = fingerprint
     sys.modules[name] = module  # dataclasses look their module up
     try:
-        with beside(path.parent):
+        with beside(path.parent) as files:
             # not by a loader: its cache takes an edit within the same second for the file as it was
             exec(compile(content, str(path), "exec"), module.__dict__)
     except BaseException as error:
         del sys.modules[name]
         _blame_import(shown, error)
         raise
+    module.__dict__["__beside__"] = files
     return module, fingerprint
 
 
@@ -164,12 +174,13 @@ def line_of(error: BaseException, near: Path | None = None) -> str:
     if isinstance(error, SyntaxError) and error.filename and error.lineno:
         return f" ({Path(error.filename).name}, line {error.lineno})"
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
-        if _is_users(frame.filename, near):
+        if is_users(frame.filename, near):
             return f" ({Path(frame.filename).name}, line {frame.lineno})"
     return ""
 
 
-def _is_users(file: str, near: Path | None) -> bool:
+def is_users(file: str, near: Path | None = None) -> bool:
+    """Return whether a file is a user's: not of Quietfix, and of no installed package but that of `near`."""
     if file.startswith("<") or _within(file, _OURS):
         return False
     if not _within(file, _OTHERS):
