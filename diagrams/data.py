@@ -25,12 +25,15 @@ class Source:
         A file (a pattern) by which a folder of any name is known to hold such a recording.
     several : bool
         Of files: whether there may be more than one.
+    truth : bool
+        Whether it says where the target was.
     """
 
     folder: str
     origin: str
     holds: str = ""
     several: bool = False
+    truth: bool = True
 
 
 def data_folder(source: Source, data: Path | str | None = None) -> Path:

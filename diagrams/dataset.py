@@ -65,18 +65,10 @@ class Shape:
         first, count : int
             Number of the first trial, and how many there are.
         """
-        dims = ("estimator", "trial", "time")
-        data: dict[str, Any] = {
-            "truth": self._of_trials("truth", self._truth(signals, count), ("time", "state")),
-            "estimate": (_BY_STATE, self._by_state("estimate", signals, count)),
-            **{port: (dims, self._numbers(port, signals, count)) for port in ("nees", "nis", "nis_dof")},
-            "platforms": self._of_trials(
-                "platforms", states_of(signals["platforms"], count), ("time", "platform", "coordinate")
-            ),
-        }
+        data = self._judged(signals, count) if self._blocks else {}
         epochs = times.shape[-1]
         coordinates = self._names(times if times.ndim == 1 else np.arange(float(epochs)), first, count)
-        if self._keeps("covariance"):
+        if self._keeps("covariance") and self._blocks:
             data["covariance"] = ((*_BY_STATE, "state_"), self._covariance(signals, count, epochs))
             coordinates["state_"] = list(self._states)
         if self._keeps("measurement"):
@@ -93,10 +85,10 @@ class Shape:
                 else:
                     coordinates |= _named(f"{name}_row", carried)
                 data[name] = (*self._of_trials(name, log, ("time", f"{name}_row")), about)
-        if self._keeps("prediction"):
+        if self._keeps("prediction") and self._blocks:
             data["prediction"] = (_BY_STATE, self._by_state("prediction", signals, count))
-        if self._keeps("innovation"):
-            data["innovation"] = ((*dims, "innovation_row"), self._innovation(signals, count))
+        if self._keeps("innovation") and self._blocks:
+            data["innovation"] = ((*_BY_STATE[:3], "innovation_row"), self._innovation(signals, count))
             coordinates |= _named("innovation_row", self._innovations)
             owned = [{row.name for row in rows} for rows in self._rows]
             has = [[row.name in own for row in self._innovations] for own in owned]
@@ -106,14 +98,27 @@ class Shape:
             return dataset
         return dataset.drop_vars("time").rename_dims(time="epoch").assign_coords(time=(("trial", "epoch"), times))
 
+    def _judged(self, signals: Mapping[str, Array], count: int) -> dict[str, Any]:
+        """Return the truth, what the estimators made of it, and the platforms."""
+        return {
+            "truth": self._of_trials("truth", self._truth(signals, count), ("time", "state")),
+            "estimate": (_BY_STATE, self._by_state("estimate", signals, count)),
+            **{port: (_BY_STATE[:3], self._numbers(port, signals, count)) for port in ("nees", "nis", "nis_dof")},
+            "platforms": self._of_trials(
+                "platforms", states_of(signals["platforms"], count), ("time", "platform", "coordinate")
+            ),
+        }
+
     def _names(self, times: Array, first: int, count: int) -> Coordinates:
+        when: Coordinates = {"trial": np.arange(first, first + count), "time": ("time", times)}
+        if not self._blocks:
+            return when
         motions = [block.motion for block in self._blocks]
         units = {state: unit for motion in motions for state, unit in zip(motion.names, motion.units, strict=True)}
         axes = [*((axis, "m") for axis in POSITION), *((axis, "m/s") for axis in VELOCITY)]
         return {
             "estimator": list(self._wired.estimators),
-            "trial": np.arange(first, first + count),
-            "time": ("time", times),
+            **when,
             "state": list(self._states),
             "state_units": ("state", [units[state] for state in self._states]),
             "in_truth": ("state", [state in self._truth_states for state in self._states]),

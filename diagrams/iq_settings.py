@@ -1,10 +1,20 @@
-"""How I/Q recordings of one's own are compared: what ``quietfix replay iq --set KEY=VALUE`` changes."""
+"""The scenario of `diagrams.iq`: what ``--set KEY=VALUE`` changes."""
 
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Union
 
 from systems.ambiguity.differences import Window
 from systems.ambiguity.prefilter import Band, Everything, Prefilter
-from systems.documented import number
+from systems.documented import documented, number
+from systems.registry import estimator_options
+
+if TYPE_CHECKING:
+    from systems.estimators.options import EstimatorOptions
+
+    EstimatorChoice = EstimatorOptions
+else:
+    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
 __all__ = ["Settings"]
 
@@ -32,6 +42,8 @@ class Settings:
         at_least=0.0,
         at_most=1.0,
     )
+    data: list[str] = documented("the recordings, SigMF files; each is compared with the first", factory=list)
+    estimators: dict[str, EstimatorChoice] = documented("none: nothing is estimated", factory=dict)
 
     @property
     def prefilter(self) -> Prefilter:

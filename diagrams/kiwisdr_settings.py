@@ -1,11 +1,22 @@
-"""What ``quietfix replay kiwisdr --set KEY=VALUE`` changes."""
+"""The scenario of `diagrams.kiwisdr`: what ``--set KEY=VALUE`` changes."""
 
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Union
 
 from systems.ambiguity.differences import Window
 from systems.ambiguity.estimate import CrossAmbiguity
 from systems.ambiguity.prefilter import Band
-from systems.documented import number
+from systems.documented import documented, number, text
+from systems.estimators.iekf import Iekf
+from systems.registry import estimator_options
+
+if TYPE_CHECKING:
+    from systems.estimators.options import EstimatorOptions
+
+    EstimatorChoice = EstimatorOptions
+else:
+    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
 __all__ = ["Settings"]
 
@@ -14,6 +25,7 @@ __all__ = ["Settings"]
 class Settings:
     """How the receivers are compared, and what the estimator believes; each field says what it is."""
 
+    data: str = text("folder of the recording; empty: the environment variable QUIETFIX_DATA names it", "")
     sample_rate_hz: float = number(
         "of the common base of time; the receivers' own are 12001.03 to 12001.09 Hz", 12000.0, above=0
     )
@@ -29,6 +41,11 @@ class Settings:
     half_frequency_hz: float = number("the same; clocks set by GPS differ by millihertz", 2.0, above=0)
     sigma_altitude_m: float = number(
         "of the ellipsoid's surface taken for the height of transmitter and receivers", 200.0, above=0
+    )
+
+    divergence_km: float = number("an error at the end beyond which an estimator is lost", 50.0, above=0)
+    estimators: dict[str, EstimatorChoice] = documented(
+        "the estimators and their options", factory=lambda: {"iekf": Iekf()}
     )
 
     @property

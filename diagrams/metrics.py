@@ -191,6 +191,8 @@ def summarise(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
         undefined or not finite. Errors are over the trials that started, also where they diverged later;
         ``not_started`` says how many never did.
     """
+    if "estimator" not in dataset.coords:  # nothing is estimated
+        return {}
     # One estimator after the other: a study of many trials would not fit into memory five times.
     return {
         str(name): _summarise_one(dataset.isel(estimator=[i])) for i, name in enumerate(dataset["estimator"].values)

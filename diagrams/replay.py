@@ -22,8 +22,6 @@ __all__ = ["REPLAYS", "Dataset", "Kept", "Replay", "data_folder", "replay", "rep
 
 REPLAYS: dict[str, str] = {
     "bearings": "diagrams.bearings:DATASET",
-    "kiwisdr": "diagrams.kiwisdr:DATASET",
-    "iq": "diagrams.iq_replay:DATASET",
 }
 """Where each data set's `Dataset` is, as ``module:NAME``; a new replay is one line here."""
 

@@ -84,7 +84,7 @@ def run_command(
 
 def _print_all(dataset: xr.Dataset, estimators: Mapping[str, Any], report: Report | None) -> None:
     """Print the table of a study, where there is a truth to judge by, and that of a recording."""
-    if report is None or dataset["truth"].notnull().any():
+    if report is None or ("truth" in dataset and dataset["truth"].notnull().any()):
         print_summary(dataset, estimators)
     if report is not None:
         print_table(report.table())

@@ -135,7 +135,7 @@ class Study:
         scenario = dataclasses.replace(scenario, estimators=dict(scenario.estimators))
         self._origins.remember(scenario)
         with self._origins.placing():
-            chosen = select_estimators(scenario, estimators)
+            chosen = self._chosen(scenario, estimators)
         scenario.estimators = {key: scenario.estimators[key] for key in chosen}
         self.model = model or found.model(scenario)
         self.recorded = self.model.recorded
@@ -163,6 +163,15 @@ class Study:
             self._asked_chunk = chunk
             self.chunk = self._width(self.request.trials)
         self._running: _Running | None = None
+
+    def _chosen(self, scenario: Any, estimators: Sequence[str] | None) -> list[str]:
+        """Return the estimators to run."""
+        if self.system.estimates:
+            return select_estimators(scenario, estimators)
+        if estimators or scenario.estimators:
+            name = [*(estimators or ()), *scenario.estimators][0]
+            raise UserError(f"estimators: {name} is not allowed for {self.found.title}; nothing is estimated there")
+        return []
 
     def _count(self, trials: int | None, first: int) -> int:
         """Return how many trials to run: 100, or the tracks of a recording."""
@@ -204,11 +213,10 @@ class Study:
         """Return the wired diagram under construction for a batch of trials, and its scores."""
         builder = DiagramBuilder()
         wired = self.assemble(builder, trials)
-        truth_trials = wired.bus.shape("truth")[0]
         scores = {}
         for name, estimator in wired.estimators.items():
             names = self._truth_names, estimator.motion.names
-            score = builder.AddSystem(Score(f"score_{name}", trials, truth_trials, *names))
+            score = builder.AddSystem(Score(f"score_{name}", trials, wired.bus.shape("truth")[0], *names))
             builder.Connect(wired.truth, score.GetInputPort("truth"))
             for port in ("estimate", "covariance"):
                 builder.Connect(estimator.GetOutputPort(port), score.GetInputPort(port))

@@ -69,6 +69,8 @@ class Assembly:
         UserError
             If the model's `platforms` are not as many different names as there are platforms.
         """
+        if "platforms" not in self.bus:
+            return ()
         count, declared = self.bus.shape("platforms")[1] // 6, self.model.platforms
         if declared is None:
             return tuple(f"platform_{i}" for i in range(count))
@@ -90,7 +92,8 @@ class Assembly:
     @property
     def course(self) -> dict[str, OutputPort]:
         """What the bounds read of a run."""
-        return {"truth": self.truth, "platforms": self.platforms, "sensed": self.sensed}
+        known = {name: self.bus[name] for name in ("truth", "platforms") if name in self.bus}
+        return known | {"sensed": self.sensed}
 
     @property
     def signals(self) -> dict[str, OutputPort]:
@@ -129,6 +132,8 @@ class Assembly:
             port.get_system().get_name(): [row.name for row in port.get_system().components(port.get_name())]
             for port in ports
         }
+        if "platforms" not in self.bus:
+            return rows
         return rows | {self.platforms.get_system().get_name(): list(self.platform_names)}
 
     @property
@@ -148,6 +153,8 @@ class Assembly:
         UserError
             If the model's `truth_states` do not fit the port, or nothing says what its components are.
         """
+        if "truth" not in self.bus:
+            return ()
         size, declared = self.bus.shape("truth")[1], self.model.truth_states
         if declared is not None:
             if len(declared) != size or len(set(declared)) != size:
@@ -165,6 +172,8 @@ class Assembly:
     def estimated_names(self) -> tuple[str, ...]:
         """Names of the components that the estimators have: of the largest state, then what others have beside it."""
         motions = [estimator.motion for estimator in self.estimators.values()]
+        if not motions:
+            return ()
         largest = max(motions, key=lambda motion: motion.size)
         return tuple(dict.fromkeys([*largest.names, *(name for motion in motions for name in motion.names)]))
 
@@ -193,7 +202,7 @@ def build(model: Model, builder: DiagramBuilder, options: Mapping[str, Any], tri
     bus = Bus(builder, trials)
     for part in model.parts:
         part(bus)
-    if "known" not in bus:
+    if "known" not in bus and "platforms" in bus:
         bus.publish(known=bus["platforms"])
     blocks = {name: _estimator(model, bus, name, option) for name, option in options.items()}
     for name in list(blocks)[:1]:

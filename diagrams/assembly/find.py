@@ -37,6 +37,8 @@ PACKAGED: dict[str, str] = {
 RECORDINGS: dict[str, str] = {
     "locards": "diagrams.locards:SYSTEM",
     "doptrack": "diagrams.doptrack:SYSTEM",
+    "kiwisdr": "diagrams.kiwisdr:SYSTEM",
+    "iq": "diagrams.iq:SYSTEM",
 }
 """Where each recording is; likewise."""
 

@@ -57,6 +57,8 @@ class System:
         The YAML file that all of it was read from.
     recording : Source, optional
         Of a recording: where it comes from. Its scenario has the field ``data``, the folder or the files.
+    estimates : bool
+        False where measurements are all that there is, and no estimator can run.
 
     Raises
     ------
@@ -72,6 +74,7 @@ class System:
     variants: Mapping[str, Layer] = field(default_factory=dict)
     file: Path | None = None
     recording: Source | None = None
+    estimates: bool = True
 
     def __post_init__(self) -> None:
         """Check the arguments, and resolve annotations that are texts."""

@@ -38,6 +38,8 @@ def study_figures(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
         ``convergence``, which have no time in common.
     """
     target = Path(folder)
+    if "estimator" not in dataset.coords:  # nothing is estimated
+        return []
     tracks = along(dataset) == "epoch"
     dataset = by_number(dataset.load())
     error = errors(dataset)

@@ -1,4 +1,4 @@
-"""Figures of the KiwiSDR replay."""
+"""Figures of the KiwiSDR recordings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from systems.constants import SPEED_OF_LIGHT
 from systems.geodetic import ecef_to_geodetic
 
 if TYPE_CHECKING:
-    from diagrams.kiwisdr import KiwiReplay
+    from diagrams.kiwisdr_report import KiwiReport
 
 __all__ = ["draw_differences", "draw_map"]
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 _COLOURS = ("#0072b2", "#d55e00", "#009e73")
 
 
-def draw_differences(result: KiwiReplay) -> Figure:
+def draw_differences(result: KiwiReport) -> Figure:
     """Draw the TDOAs of every pair against time, with what the samples let expect, and the true differences."""
     figure, axes = new_figure(height=8, rows=len(result.pairs), sharex=True)
     for panel, (pair, found), colour in zip(axes, result.pairs.items(), _COLOURS, strict=False):
@@ -56,7 +56,7 @@ def _degrees(position: Array) -> Array:
     return np.degrees(np.stack([longitude, latitude]))
 
 
-def _hyperbolas(axes: Any, result: KiwiReplay) -> None:
+def _hyperbolas(axes: Any, result: KiwiReport) -> None:
     stations = result.data.stations
     low, high = _degrees(stations).min(axis=1) - 3, _degrees(stations).max(axis=1) + 3
     longitude, latitude = np.meshgrid(np.linspace(low[0], high[0], 300), np.linspace(low[1], high[1], 300))
@@ -70,7 +70,7 @@ def _hyperbolas(axes: Any, result: KiwiReplay) -> None:
         axes.plot([], [], color=colour, lw=1.4, label=f"{found.auxiliary} - {found.main}")
 
 
-def draw_map(result: KiwiReplay) -> Figure:
+def draw_map(result: KiwiReport) -> Figure:
     """Draw receivers and hyperbolas on a map, and the fixes around the mast, with the ellipse that is believed."""
     figure, (left, right) = new_figure(height=7, columns=2)
     _hyperbolas(left, result)
@@ -79,16 +79,16 @@ def draw_map(result: KiwiReplay) -> Figure:
     for name, place in zip(result.data.names, receivers.T, strict=True):
         left.annotate(name, place, xytext=(7, 6), textcoords="offset points")
     left.plot(*_degrees(result.data.mast), "+", color="black", ms=16, mew=2, label="mast")
-    left.plot(*_degrees(result.estimate[-1]), "o", fillstyle="none", color="#cc79a7", ms=11, mew=2, label="fix")
+    left.plot(*_degrees(result.fix.estimate[-1]), "o", fillstyle="none", color="#cc79a7", ms=11, mew=2, label="fix")
     left.set(xlabel="longitude [deg]", ylabel="latitude [deg]", title="hyperbolas of the median differences")
     left.set_aspect(1 / np.cos(np.radians(receivers[1].mean())))
     grid(left)
     left.legend(loc="lower left", framealpha=0.9)
 
-    singly, end = result.local(result.singly) / 1e3, result.local(result.estimate[-1]) / 1e3
+    singly, end = result.fix.local(result.singly) / 1e3, result.fix.local(result.fix.estimate[-1]) / 1e3
     right.plot(singly[:, 0], singly[:, 1], ".", color="0.55", ms=8, label="each window alone")
     right.plot(end[0], end[1], "o", fillstyle="none", color="#cc79a7", ms=11, mew=2, label="fix of all windows")
-    values, vectors = np.linalg.eigh(result.horizontal_covariance() / 1e6)
+    values, vectors = np.linalg.eigh(result.fix.horizontal_covariance() / 1e6)
     angle = np.linspace(0, 2 * np.pi, 100)
     ring = 2 * np.sqrt(np.maximum(values, 0)) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     ellipse = ring @ vectors.T + end[:2]
@@ -100,7 +100,7 @@ def draw_map(result: KiwiReplay) -> Figure:
     grid(right)
     right.legend(loc="best", framealpha=0.9)
     figure.suptitle(
-        f"{result.data.transmitter}: fix {result.error / 1e3:.2f} km from the mast; the scatter alone claims "
-        f"{result.sigma / 1e3:.2f} km"
+        f"{result.data.transmitter}: fix {result.fix.error / 1e3:.2f} km from the mast; the scatter alone claims "
+        f"{result.fix.sigma / 1e3:.2f} km"
     )
     return figure

@@ -9,12 +9,18 @@ from numpy.testing import assert_allclose
 
 from diagrams.command_line import main
 from diagrams.errors import UserError
-from diagrams.iq_replay import compare
+from diagrams.iq import declare_recordings
 from diagrams.iq_settings import Settings
 from diagrams.marker import MARKER
 from diagrams.replay import replay
 from diagrams.sigmf_file import read_sigmf
 from tests.fitting import check_fits
+from tests.golden.recordings import report_of
+
+
+def compare(recordings, settings):
+    return report_of("iq", declare_recordings(recordings, settings), settings)
+
 
 RATE, CARRIER = 250e3, 433.9e6
 DELAYS, FREQUENCIES = (0.0, 37.25e-6, -120.5e-6), (0.0, 40.0, -15.0)
@@ -93,8 +99,10 @@ def test_an_earlier_result_is_replaced(files, tmp_path, capsys):
         assert stop.value.code == 0
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
         MARKER,
+        "diagram.svg",
         "differences.csv",
         "differences.png",
+        "results.zarr",
         "summary.json",
     ]
 

@@ -8,8 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from diagrams.command_line import main
-from diagrams.kiwisdr import read_folder
-from diagrams.replay import data_folder, replay
+from diagrams.data import data_folder
+from diagrams.kiwisdr import SOURCE, read_folder
+from diagrams.replay import replay
 from tests.fitting import check_fits
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -56,22 +57,22 @@ def test_time_differences(found):
 
 def test_fix(found):
     """Within 3 km of the mast; the covariance is far more hopeful, and the program says why."""
-    assert found.error < 3e3
-    assert found.sigma < 0.5 * found.error
+    assert found.fix.error < 3e3
+    assert found.fix.sigma < 0.5 * found.fix.error
     assert any("understates" in note and "sky wave" in note for note in found.notes())
     check_fits(found.table())
-    assert np.linalg.eigvalsh(found.covariance[-1]).min() > 0
-    assert 0.2 < found.nis / found.nis_dof < 3.0
+    assert np.linalg.eigvalsh(found.fix.covariance[-1]).min() > 0
+    assert 0.2 < found.fix.nis / found.fix.nis_dof < 3.0
     # every window alone, and all of them, agree within what single windows scatter
-    apart = found.local(found.singly) - found.local(found.estimate[-1])
+    apart = found.fix.local(found.singly) - found.fix.local(found.fix.estimate[-1])
     spread = np.nanmedian(np.linalg.norm(apart[:, :2], axis=-1))
     assert spread < 2e3
-    assert_allclose(found.local(found.estimate[-1])[2], 0.0, atol=300.0)
+    assert_allclose(found.fix.local(found.fix.estimate[-1])[2], 0.0, atol=300.0)
 
 
 def test_what_is_written(found, out):
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["fix"]["horizontal_error_m"] == pytest.approx(found.error)
+    assert summary["fix"]["horizontal_error_m"] == pytest.approx(found.fix.error)
     assert summary["pairs"]["JO51xl - HB9ODP"]["windows"] >= 25
     for figure in ("map.png", "time_differences.png"):
         assert (out / figure).stat().st_size > 10_000
@@ -111,6 +112,4 @@ def test_missing_and_broken_data(tmp_path, capsys, monkeypatch):
 
 
 def test_folder_may_be_named_itself(folder):
-    from diagrams.kiwisdr import DATASET
-
-    assert data_folder(DATASET, folder) == folder
+    assert data_folder(SOURCE, folder) == folder

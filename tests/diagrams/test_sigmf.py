@@ -10,10 +10,11 @@ import sigmf
 from numpy.testing import assert_allclose, assert_array_equal
 
 from diagrams.errors import UserError
-from diagrams.iq_replay import compare
+from diagrams.iq import declare_recordings
 from diagrams.iq_settings import Settings
 from diagrams.replay import replay
 from diagrams.sigmf_file import read_sigmf
+from tests.golden.recordings import report_of
 
 RATE, SIZE, DELAY = 1e6, 40_000, 12.3e-6
 NOON = "2026-03-01T12:00:00"
@@ -42,7 +43,8 @@ def write(folder, name, samples, captures, annotations=(), **info):
 
 
 def compared(*files, **settings):
-    return compare([one for file in files for one in read_sigmf(file)], Settings(**{"integration_s": 0.01, **settings}))
+    chosen = Settings(**{"integration_s": 0.01, **settings})
+    return report_of("iq", declare_recordings([one for file in files for one in read_sigmf(file)], chosen), chosen)
 
 
 @pytest.fixture(scope="module")

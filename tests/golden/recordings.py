@@ -14,8 +14,7 @@ from diagrams.bearings import _run as run_bearings
 from diagrams.doptrack import ORDERS, declare_passes
 from diagrams.doptrack import Settings as DoptrackSettings
 from diagrams.doptrack_data import read_passes
-from diagrams.kiwisdr import locate as locate_mast
-from diagrams.kiwisdr import read_folder
+from diagrams.kiwisdr import declare_data, read_folder
 from diagrams.kiwisdr_settings import Settings as KiwiSettings
 from diagrams.locards import Settings as LocardsSettings
 from diagrams.locards import declare_sets
@@ -56,15 +55,16 @@ def _doptrack(folder, which=slice(None)):
 
 
 def _kiwisdr(folder):
-    found = locate_mast(read_folder(folder), KiwiSettings())
+    settings = KiwiSettings()
+    found = report_of("kiwisdr", declare_data(read_folder(folder), settings), settings)
     pairs = {f"tdoa_{j}{i}": one.tdoa for (i, j), one in found.pairs.items()}
     sigmas = {f"sigma_tdoa_{j}{i}": one.sigma_tdoa for (i, j), one in found.pairs.items()}
     return (
         {
-            "estimate": found.estimate,
-            "covariance": found.covariance,
+            "estimate": found.fix.estimate,
+            "covariance": found.fix.covariance,
             "singly": found.singly,
-            "nis": np.array([found.nis, found.nis_dof]),
+            "nis": np.array([found.fix.nis, found.fix.nis_dof]),
             "time": found.times,
         }
         | pairs
