@@ -1,0 +1,1 @@
+"""Files that others made: bearings, Doppler, arrival times, I/Q, flights."""

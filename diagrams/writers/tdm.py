@@ -1,0 +1,48 @@
+"""Tracking Data Messages (CCSDS 503.0-B-2) in keyword = value notation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from diagrams.readers.tdm import TrackingMessage, TrackingSegment
+from diagrams.readers.tdm_keywords import HEADER, METADATA
+from diagrams.writers.kvn import assignments, comments
+from systems.time_scales import from_tai
+
+__all__ = ["tdm_text"]
+
+
+def tdm_text(message: TrackingMessage) -> str:
+    """Return a message as text; `diagrams.readers.tdm.read_tdm` makes an equal message of it.
+
+    Numbers have as many digits as tell them from every other one, time tags all that theirs have.
+
+    Raises
+    ------
+    ValueError
+        If a time cannot be written in the time system of its segment (UTC before 1972), or a value is no line of text.
+    """
+    return "\n".join([*_message(message), ""])
+
+
+def _message(message: TrackingMessage) -> Iterator[str]:
+    yield f"CCSDS_TDM_VERS = {message.version}"
+    yield from comments(message.comments)
+    yield from assignments(message.header, HEADER)
+    for segment in message.segments:
+        yield ""
+        yield from _segment(segment)
+
+
+def _segment(segment: TrackingSegment) -> Iterator[str]:
+    yield "META_START"
+    yield from comments(segment.comments)
+    yield from assignments(segment.metadata, METADATA)
+    yield "META_STOP"
+    yield "DATA_START"
+    yield from comments(segment.data_comments)
+    records, scale = segment.records, segment.metadata["TIME_SYSTEM"]
+    columns = records.second.tolist(), records.rest.tolist(), records.value.tolist()
+    for row, (name, second, rest, value) in enumerate(zip(records.keywords, *columns, strict=True)):
+        yield f"{name} = {from_tai(second, rest, scale)} {records.digits.get(row, repr(value))}"
+    yield "DATA_STOP"
