@@ -43,6 +43,13 @@ _ABOUT = {
     "nees": (_COUNT, "normalised estimation error squared"),
     "nis": (_COUNT, "normalised innovation squared"),
     "nis_dof": (_COUNT, "degrees of freedom of the normalised innovation squared"),
+    # of a sweep
+    "point": ("as the field that is varied", "value of the field that is varied"),
+    "position_error": ("m", "length of the error of the position"),
+    "diverged": (_COUNT, "whether the trial is lost at the end"),
+    "not_started": (_COUNT, "whether the estimator never started in the trial"),
+    "states": (_COUNT, "number of components that the estimator is judged by"),
+    "at": ("s", "time of the errors"),
 }
 
 _BOUNDS = {

@@ -16,7 +16,7 @@ from diagrams.assembly.source import look_in
 from diagrams.errors import UserError, choose
 from diagrams.marker import MARKER, read_mark
 from diagrams.recordings import with_data
-from diagrams.result_schema import check_version
+from diagrams.result_schema import check_version, upgraded_scenario
 from diagrams.results import find_store
 from diagrams.store import read_attributes
 
@@ -52,7 +52,9 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
     if os.path.lexists(store.parent / MARKER) and read_mark(store.parent, "--from") is None:
         raise UserError(f"--from: {path}: its {MARKER} is damaged, or no marker of a result")
     attributes = read_attributes(store)
-    check_version(attributes, f"--from: {path}")
+    version = check_version(attributes, f"--from: {path}")
+    if attributes.get("system_source") == "yaml" and isinstance(attributes.get("scenario"), str):
+        attributes = attributes | {"scenario": upgraded_scenario(attributes["scenario"], version)}
     take = _Taker(path, attributes)
     take("version", _named, "text, the version of Quietfix that wrote it", str)
     found = _system_again(take, path, system, trust)

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
 import xarray as xr
 
 from diagrams.errors import UserError
+from diagrams.scenario import read_yaml
 
-__all__ = ["SCHEMA_VERSION", "check_version", "upgraded"]
+__all__ = ["SCHEMA_VERSION", "check_version", "upgraded", "upgraded_scenario"]
+
+_LATE = re.compile(r"(?<=\bclock_offset_platform: )\d+\b")
 
 SCHEMA_VERSION = 2
 """1, which results do not say: estimators that look ahead are a text of their names, platforms and the rows of an
-innovation have no names. 2: the coordinates ``causal``, ``platform``, ``coordinate`` and ``innovation_row``."""
+innovation have no names, and in a system of YAML the platform of a late clock is a number. 2: the coordinates
+``causal``, ``platform``, ``coordinate`` and ``innovation_row``."""
 
 
 def check_version(attributes: Mapping[str, Any], where: str) -> int:
@@ -41,6 +46,16 @@ def check_version(attributes: Mapping[str, Any], where: str) -> int:
     if not whole or version < 1:
         raise UserError(f"{where}: schema_version: {version!r:.80} is not allowed; 1 to {SCHEMA_VERSION}")
     return int(version)
+
+
+def upgraded_scenario(text: str, version: int) -> str:
+    """Return the scenario of a result of a system of YAML as this version reads it."""
+    if version > 1 or not _LATE.search(text):
+        return text
+    platforms = read_yaml(text).get("platforms")
+    named = platforms if isinstance(platforms, Mapping) else ()
+    names = {str(i): str(name) for i, name in enumerate(named)} | {"0": "''"}  # that was the default
+    return _LATE.sub(lambda found: names.get(found[0], found[0]), text)
 
 
 def upgraded(dataset: xr.Dataset, version: int) -> xr.Dataset:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from diagrams.errors import UserError
 from systems.documented import count, number
 
-__all__ = ["NO_CLOCKS", "SensorErrors", "refuse"]
+__all__ = ["NO_CLOCKS", "CommonErrors", "SensorErrors", "refuse"]
 
 Array = NDArray[np.float64]
 
@@ -18,15 +18,14 @@ NO_CLOCKS = {"clock_offset": "no times of arrival are compared here"}
 
 
 @dataclass
-class SensorErrors:
-    """Errors of the sensors that the estimators do not know of; all off by default."""
+class CommonErrors:
+    """Errors of sensors that the estimators do not know of, whatever the sensors' platforms are called."""
 
     attitude_roll_deg: float = number("the sensor's axes are turned about x (along the track) [deg]", 0.0)
     attitude_pitch_deg: float = number("about y (across the track) [deg]", 0.0)
     attitude_yaw_deg: float = number("about z (to nadir; in a local frame up) [deg]", 0.0)
     sigma_attitude_deg: float = number("a further turn about each axis, drawn per trial [deg]", 0.0, at_least=0)
     clock_offset_ns: float = number("one receiver's clock is ahead by this: it writes too late a time [ns]", 0.0)
-    clock_offset_platform: int = count("which receiver's; 0 is the reference of every TDOA", 0, at_least=0)
     sigma_clock_offset_ns: float = number("offset of every receiver's clock, drawn per trial [ns]", 0.0, at_least=0)
     sigma_platform_position_m: float = number(
         "error of the known position of every platform, constant, per axis, drawn per trial [m]", 0.0, at_least=0
@@ -37,12 +36,19 @@ class SensorErrors:
     outlier_sigmas: float = number("standard deviation of a gross error, in sigmas of the row", 20.0, above=0)
 
 
-def refuse(errors: SensorErrors, path: str, senseless: dict[str, str]) -> None:
+@dataclass
+class SensorErrors(CommonErrors):
+    """Errors of the sensors that the estimators do not know of; all off by default."""
+
+    clock_offset_platform: int = count("whose clock; 0 is the reference of every TDOA", 0, at_least=0)
+
+
+def refuse(errors: CommonErrors, path: str, senseless: dict[str, str]) -> None:
     """Refuse errors that a system has not.
 
     Parameters
     ----------
-    errors : SensorErrors
+    errors : CommonErrors
     path : str
         Where they are in the scenario.
     senseless : dict of str to str
@@ -57,4 +63,5 @@ def refuse(errors: SensorErrors, path: str, senseless: dict[str, str]) -> None:
         value = getattr(errors, one.name)
         for begin, why in senseless.items():
             if value and value != one.default and one.name.removeprefix("sigma_").startswith(begin):
-                raise UserError(f"{path}.{one.name}: {value:g} is not allowed; {why}")
+                shown = value if isinstance(value, str) else f"{value:g}"
+                raise UserError(f"{path}.{one.name}: {shown} is not allowed; {why}")

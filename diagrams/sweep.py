@@ -18,6 +18,7 @@ from diagrams.assembly.find import Found, find
 from diagrams.assembly.system import System
 from diagrams.bootstrap import PairedBootstrap, Replicates, interval, log_ratio
 from diagrams.compared_study import ComparedStudy
+from diagrams.described import described
 from diagrams.errors import UserError, choose, texts
 from diagrams.json_numbers import json_numbers
 from diagrams.metrics import diverged, not_started
@@ -182,16 +183,16 @@ class Sweep:
             empty = np.full(kept.sizes["estimator"], np.nan)
             bounds = [kept[n].values[:, 0] if n in kept else empty for n in ("bound_position", "bound_truth_position")]
             dims = ("point", "estimator", "trial")
-            yield xr.Dataset(
+            point = xr.Dataset(
                 {
-                    "position_error": (dims, errors(kept)["position"].values[None, :, :, 0], {"units": "m"}),
+                    "position_error": (dims, errors(kept)["position"].values[None, :, :, 0]),
                     "nees": (dims, kept["nees"].values[None, :, :, 0]),
                     "diverged": (dims, (diverged(whole) & ~not_started(whole)).values[None]),
                     "not_started": (dims, not_started(whole).values[None]),
-                    "bound_position": (dims[:2], bounds[0][None], {"units": "m"}),
-                    "bound_truth_position": (dims[:2], bounds[1][None], {"units": "m"}),
+                    "bound_position": (dims[:2], bounds[0][None]),
+                    "bound_truth_position": (dims[:2], bounds[1][None]),
                     "states": (dims[:2], np.array([list(study.states.values())])),
-                    "at": (("point",), [float(ticks[epoch])], {"units": "s"}),
+                    "at": (("point",), [float(ticks[epoch])]),
                 },
                 {
                     "point": [value],
@@ -200,6 +201,7 @@ class Sweep:
                 },
                 self.attributes,
             )
+            yield described(point)
 
 
 def sweep(system: str | System | Found, vary: str, **options: Any) -> dict[str, Any]:

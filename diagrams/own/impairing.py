@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 
 import numpy as np
@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.frame import Frame
+from diagrams.errors import choose
 from diagrams.own.kinds import Bearing, Tdoa, Toa
 from diagrams.own.sensing import Measured, PlacedSensor
 from diagrams.parts.impairment import Impaired, Mount
-from diagrams.sensor_errors import refuse
+from diagrams.sensor_errors import CommonErrors, SensorErrors, refuse
 from systems.measurement.bearing import Bearing as BearingModel
 from systems.measurement.body_frame import body_frame
 from systems.measurement.differenced import Differenced
@@ -26,7 +27,7 @@ __all__ = ["Together", "impaired"]
 Array = NDArray[np.float64]
 
 
-def impaired(one: PlacedSensor, frame: Frame) -> Impaired:
+def impaired(one: PlacedSensor, frame: Frame, platforms: Sequence[str]) -> Impaired:
     """Return the part that impairs what a sensor reads; a `UserError` names errors that it cannot have."""
     refused = {"platform": "platform_errors says how well the platforms are known"}
     mounts = [mount for kind in one.kinds for mount in _mounts(kind, frame)]
@@ -35,11 +36,18 @@ def impaired(one: PlacedSensor, frame: Frame) -> Impaired:
         refused["attitude"] = "only a !Bearing in local axes and a !Phase have a direction that they may be off in"
     if not clocks:
         refused["clock_offset"] = "only a !Tdoa or a !Toa compares clocks"
-    refuse(one.field.errors, f"sensors.{one.name}.errors", refused)
+    where, errors = f"sensors.{one.name}.errors", one.field.errors
+    refuse(errors, where, refused)
+    compared = {number for pair in clocks.values() for number in pair}
+    names = [name for number, name in enumerate(platforms) if number in compared]
+    late = errors.clock_offset_platform or (names[0] if names else platforms[0])
+    if names:
+        choose(f"{where}.clock_offset_platform", late, names)
+    common = {field.name: getattr(errors, field.name) for field in fields(CommonErrors)}
     return Impaired(
         one.real,
         one.clock,
-        one.field.errors,
+        SensorErrors(**common, clock_offset_platform=list(platforms).index(late)),
         mounts,
         clocks,
         takes=one.name,

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from diagrams.assembly.frame import Frame
 from diagrams.errors import UserError, choose
-from diagrams.sensor_errors import SensorErrors
-from systems.documented import choice, documented, number
+from diagrams.sensor_errors import CommonErrors
+from systems.documented import choice, documented, number, text
 from systems.motion.gravity import GravityConstants
 
-__all__ = ["Places", "Timed"]
+__all__ = ["Errors", "Places", "Timed"]
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,13 @@ class Places:
 
 
 @dataclass
+class Errors(CommonErrors):
+    """Errors of a sensor that the estimators do not know of; all off by default."""
+
+    clock_offset_platform: str = text("platform whose clock is ahead; empty: the first that the sensor compares")
+
+
+@dataclass
 class Timed:
     """When a sensor measures, what hides the target from it, and its errors."""
 
@@ -61,4 +68,4 @@ class Timed:
         at_most=89,
     )
     elevation_at: str = choice("whose horizon counts", "platform", ("platform", "target"))
-    errors: SensorErrors = documented("errors that the estimators do not know of", factory=SensorErrors)
+    errors: Errors = documented("errors that the estimators do not know of", factory=Errors)

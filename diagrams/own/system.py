@@ -154,7 +154,10 @@ def _sensing(scenario: OwnScenario, sensors: Sequence[PlacedSensor], resolved: b
     """Return the parts that measure; `resolved`: whether phases are resolved before the estimators get them."""
     parts: list[Part] = []
     for one in sensors:
-        parts += [TargetSensor(one.name, one.real, one.clock, one.mask), impaired(one, scenario.axes)]
+        parts += [
+            TargetSensor(one.name, one.real, one.clock, one.mask),
+            impaired(one, scenario.axes, list(scenario.platforms)),
+        ]
     parts.append(Together([one.name for one in sensors], ["raw", "measurement"] if resolved else ["measurement"]))
     errors = scenario.platform_errors
     return [*parts, KnownPlatforms(errors.sigma_position_m, errors.sigma_velocity_mps)]

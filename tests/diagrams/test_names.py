@@ -10,12 +10,15 @@ import zarr
 
 from diagrams import run_study
 from diagrams.errors import UserError
+from diagrams.maps.bounds import map_bounds
+from diagrams.maps.default import default_maps
 from diagrams.metrics import causal
 from diagrams.output import OutputFolder
 from diagrams.rerun import ask_again
 from diagrams.result_schema import SCHEMA_VERSION
 from diagrams.results import open_result
 from diagrams.study import Study
+from diagrams.sweep import Sweep
 from tests.diagrams.drone_module import DRONE
 
 OWN = Path(__file__).parents[1] / "own"
@@ -79,6 +82,18 @@ def test_everything_has_units_and_a_line_that_says_what_it_is(system):
     assert found["bound_position"].attrs["units"] == "m" and found["time"].attrs["units"] == "s"
 
 
+def test_points_of_a_sweep_and_maps_say_what_they_are():
+    options = {"estimators": ["iekf"], "trials": 2, "set": ["duration_s=2"]}
+    sweep = Sweep(str(OWN / "drone.yaml"), "sensors.tdoa.sigma_ns=20:40:2", **options)
+    scenario = DRONE.load()
+    (of, *_) = default_maps(DRONE.model(scenario), scenario.estimators, points=3)
+    found = map_bounds(of)
+    for dataset in (next(iter(sweep.points())), found):
+        assert [n for n in dataset.variables if not {"units", "long_name"} <= set(dataset[n].attrs)] == []
+    assert list(found["curve"].values) == ["platform_0", "platform_1", "platform_2", "platform_3"]
+    assert found["position"].attrs == {"units": "m", "long_name": "bound of the position"}
+
+
 def test_names_of_platforms_must_fit():
     model = DRONE.model(DRONE.load())
     for names in (["a"], ["a"] * 4, "abcd", [1, 2, 3, 4]):
@@ -128,3 +143,11 @@ def test_a_result_without_a_schema_is_read(stored, tmp_path):
         "few": False,
     }
     assert ask_again(copy, None, {}, False)[1]["trials"] == 3
+
+
+def test_a_late_clock_of_an_earlier_result_has_its_name(stored, tmp_path):
+    text = open_result(stored).attrs["scenario"].replace("clock_offset_platform: ''", "clock_offset_platform: 3", 1)
+    assert text.count("clock_offset_platform: 3") == 1
+    copy = changed(stored, tmp_path, schema_version=None, scenario=text)
+    scenario = ask_again(copy, None, {}, False)[1]["scenario"]
+    assert [one.errors.clock_offset_platform for one in scenario.sensors.values()] == ["delta", "", ""]

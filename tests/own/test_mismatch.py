@@ -63,7 +63,7 @@ CASES = {
         nothing,
     ),
     "clock of the reference": (
-        {"sensors.tdoa.errors.clock_offset_ns": 50, "sensors.tdoa.errors.clock_offset_platform": 3},
+        {"sensors.tdoa.errors.clock_offset_ns": 50, "sensors.tdoa.errors.clock_offset_platform": "delta"},
         [1] * 5,
         late_reference,
     ),

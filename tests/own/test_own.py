@@ -207,6 +207,18 @@ MISTAKES = {
     "light time on a flat Earth": ({"sensors.tdoa.light_time": True}, "light_time: true is for frame earth_fixed only"),
     "too late": ({"sensors.bearing.offset_s": 1e4}, "sensors.bearing.offset_s: 10000 is not allowed"),
     "a kind that is not measured": ({"estimators.ekf.measurements": "[smell]"}, "estimators.ekf.measurements: smell"),
+    "a late clock that nobody has": (
+        {"sensors.tdoa.errors.clock_offset_ns": 5, "sensors.tdoa.errors.clock_offset_platform": "echo"},
+        "sensors.tdoa.errors.clock_offset_platform: echo is not known; there are alpha, bravo, charlie, delta",
+    ),
+    "a late clock that is not compared": (
+        {
+            "sensors.tdoa.receivers": "[bravo, charlie]",
+            "sensors.tdoa.errors.clock_offset_ns": 5,
+            "sensors.tdoa.errors.clock_offset_platform": "alpha",
+        },
+        "sensors.tdoa.errors.clock_offset_platform: alpha is not known; there are bravo, charlie, delta",
+    ),
     "clock of a bearing": (
         {"sensors.bearing.errors.clock_offset_ns": 5},
         "sensors.bearing.errors.clock_offset_ns: 5 is not allowed",
