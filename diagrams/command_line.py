@@ -91,7 +91,6 @@ def list_(
     """List systems, variants and estimators."""
     from diagrams.assembly.find import RECORDINGS
     from diagrams.listing import list_systems
-    from diagrams.replay import REPLAYS
     from diagrams.terminal import say
     from systems.registry import ESTIMATORS
 
@@ -99,7 +98,7 @@ def list_(
     if chosen:
         return
     say(f"registered estimators: {', '.join(ESTIMATORS)}")
-    say(f"recordings, also for `quietfix replay`: {', '.join([*RECORDINGS, *REPLAYS])}")
+    say(f"recordings, also for `quietfix replay`: {', '.join(RECORDINGS)}")
 
 
 @app.command()
@@ -125,13 +124,11 @@ def show(
 ) -> None:
     """Print the resolved scenario with a comment on every field, to be edited and used with --scenario.
 
-    Of a recording, such as locards: the settings of its replay, for `quietfix replay DATASET --set KEY=VALUE`.
     With --schema, for an editor that completes and checks the file; without SYSTEM that of a system of one's own.
     """
     from diagrams.catalogue import load_scenario
     from diagrams.errors import UserError
     from diagrams.json_schema import schema_text
-    from diagrams.replay import REPLAYS, replay_settings
     from diagrams.scenario import dump
 
     if schema:
@@ -141,12 +138,6 @@ def show(
         return
     if system is None:
         raise UserError("SYSTEM: none is given; see `quietfix list`")
-    if system in REPLAYS:
-        if scenario is not None:
-            raise UserError(f"--scenario: {scenario} is not allowed for the recording {system}; --set KEY=VALUE")
-        print(f"# {system}: quietfix replay {system} --set KEY=VALUE")
-        print(replay_settings(system, settings or ()), end="")
-        return
     resolved = load_scenario(system, None, scenario, settings or [])
     print(f"# {system}")
     print(dump(resolved), end="")
@@ -337,13 +328,11 @@ class _ReplayHelp(TyperCommand):
         """Write the settings."""
         from diagrams.assembly.find import RECORDINGS
         from diagrams.recordings import recording_settings
-        from diagrams.replay import REPLAYS, replay_settings
 
         super().format_epilog(ctx, formatter)
-        for dataset in [word for word in ctx.meta.get(_WORDS, ()) if word in (*REPLAYS, *RECORDINGS)][:1]:
+        for dataset in [word for word in ctx.meta.get(_WORDS, ()) if word in RECORDINGS][:1]:
             formatter.write(f"\nSettings of {dataset} and their defaults, for --set:\n")
-            told = recording_settings(dataset) if dataset in RECORDINGS else replay_settings(dataset)
-            for line in told.splitlines():
+            for line in recording_settings(dataset).splitlines():
                 formatter.write("".join(f"{part}\n" for part in _setting_lines(line, formatter.width)))
 
 

@@ -19,6 +19,7 @@ from diagrams.candidates import Lineup, line_up
 from diagrams.compared_study import ComparedStudy
 from diagrams.comparison import comparison_statistics
 from diagrams.errors import UserError
+from diagrams.recordings import only_simulated
 from diagrams.study import join
 
 __all__ = ["compare", "prepare"]
@@ -40,7 +41,10 @@ def prepare(
 ) -> tuple[ComparedStudy, Lineup]:
     """Return the study of a comparison, ready to run, and who takes part; arguments as in `compare`."""
     found = find(system, variant)
-    recording = found.system.recording is not None
+    source = found.system.recording
+    recording = source is not None
+    if source is not None and not source.truth:
+        only_simulated(found, "compare")
     if isinstance(trials, int) and trials == 1 and not recording:
         raise UserError("trials: 1 is not allowed; intervals over trials need at least 2")
     scenario = found.system.resolve(found.variant, scenario, set)

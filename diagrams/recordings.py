@@ -18,6 +18,7 @@ _WHY = {
     "gdop": "its target is where it was, and a map needs one that can be put anywhere",
     "observe": "nobody knows all of the true state, along which observability is judged",
     "sweep": "its noise is what it was, and it is no ensemble; `quietfix run --set KEY=VALUE` changes what is believed",
+    "compare": "nobody knows where its target was",
     "verify": "requirements are judged over as many trials as they need, and a recording has what was recorded",
 }
 

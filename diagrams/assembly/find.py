@@ -38,6 +38,7 @@ RECORDINGS: dict[str, str] = {
     "locards": "diagrams.locards:SYSTEM",
     "doptrack": "diagrams.doptrack:SYSTEM",
     "kiwisdr": "diagrams.kiwisdr:SYSTEM",
+    "bearings": "diagrams.bearings:SYSTEM",
     "iq": "diagrams.iq:SYSTEM",
 }
 """Where each recording is; likewise."""

@@ -12,14 +12,14 @@ from diagrams.figures.style import grid, new_figure
 from systems.fixes.von_mises import sample
 
 if TYPE_CHECKING:
-    from diagrams.bearings import BearingsReplay
+    from diagrams.bearings_report import BearingsReport
 
 __all__ = ["draw_lines"]
 
 _MOST = 500  # lines; of more, a sample is drawn
 
 
-def draw_lines(result: BearingsReplay) -> Figure:
+def draw_lines(result: BearingsReport) -> Figure:
     """Draw the lines of bearing, those with little weight dotted, and the fixes, those not to be believed crossed."""
     bearings, fixes = result.bearings, {name: fix for name, fix in result.fixes.items() if fix.there}
     count = len(bearings.azimuth)

@@ -8,12 +8,14 @@ import pytest
 from scipy.stats import chi2
 
 from diagrams import bearings as module
-from diagrams.bearings import BearingsReplay, locate
+from diagrams import bearings_report
+from diagrams.bearings import Settings, declare_bearings
 from diagrams.bearings_file import Bearings
 from diagrams.replay import replay
 from systems.fixes import von_mises
 from systems.fixes.bearing_belief import BearingCost, believable, edge, small_sample_coverage
-from systems.fixes.von_mises import robust_fix, sample, von_mises_fix, weighted_fix
+from systems.fixes.von_mises import sample, weighted_fix
+from tests.golden.recordings import report_of
 
 NAMES = ["ml", "robust", "lines", "iv", "ekf", "mgekf"]
 
@@ -32,8 +34,7 @@ def towards(place, target, rng, sigma):
 def judged(place, degrees, sigma):
     azimuth = np.radians(90.0 - degrees)
     data = Bearings(np.arange(float(len(place))), place, azimuth, np.full(len(place), math.radians(sigma)))
-    blocks = locate(data, math.radians(sigma))
-    return BearingsReplay(data, von_mises_fix(place, azimuth), robust_fix(place, azimuth), blocks, math.radians(sigma))
+    return report_of("bearings", declare_bearings(data, math.radians(sigma)), Settings())
 
 
 # --------------------------------------------------------------------------------------------------- no fix
@@ -163,8 +164,9 @@ def test_a_sample_takes_one_of_each_stretch():
 
 
 def test_what_is_thinned_is_told_and_ml_takes_all(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(module, "_MOST", 60)
-    monkeypatch.setattr(module, "_TOLD", 1)
+    for one in (module, bearings_report):
+        monkeypatch.setattr(one, "MOST", 60)
+    monkeypatch.setattr(bearings_report, "_TOLD", 1)
     monkeypatch.setattr(von_mises, "_MOST", 100)
     stations = np.array([[0.0, 0], [10e3, 0], [0, 10e3]])
     place = stations[np.arange(2000) % 3]

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from diagrams import new, run_study
+from diagrams.assembly.find import RECORDINGS
 from diagrams.command_line import app
-from diagrams.replay import REPLAYS
 from diagrams.scenario import read_yaml
 from diagrams.verification.command import verify_command
 from diagrams.verification.specification import read_specification
@@ -157,7 +157,7 @@ def commands():
     return [command.name or command.callback.__name__ for command in app.registered_commands]
 
 
-@pytest.mark.parametrize("command", [*([name] for name in commands()), *(["replay", name] for name in REPLAYS)])
+@pytest.mark.parametrize("command", [*([name] for name in commands()), *(["replay", name] for name in RECORDINGS)])
 def test_help_is_as_narrow_as_the_terminal(capsys, monkeypatch, command):
     monkeypatch.setenv("COLUMNS", "60")
     monkeypatch.setenv("TERMINAL_WIDTH", "60")

@@ -76,6 +76,16 @@ def test_a_users_estimator(recorded, tmp_path, monkeypatch):
     [
         (["gdop", "doptrack"], "gdop: doptrack is not allowed; it is a recording: its target is where it was"),
         (["observe", "doptrack"], "observe: doptrack is not allowed; it is a recording: nobody knows all of the true"),
+        (
+            ["compare", "bearings"],
+            "compare: bearings is not allowed; it is a recording: nobody knows where its targ",
+        ),
+        (["compare", "iq"], "compare: iq is not allowed; it is a recording: nobody knows where its target was"),
+        (
+            ["run", "iq", "--estimator", "ekf", "--data", "a"],
+            "estimators: ekf is not allowed for iq; nothing is estima",
+        ),
+        (["run", "bearings"], "FILE: it is missing; bearings takes a CSV file of your own"),
         (["sweep", "doptrack", "--vary", "every_s=1:2:2"], "sweep: doptrack is not allowed; it is a recording: its"),
         (["run", "three_satellite", "--data", "x"], "--data: x is not allowed for three_satellite; it is no recording"),
         (["run", "doptrack", "--data", "a", "--data", "b"], "--data: 2 are not allowed for doptrack; one"),

@@ -5,14 +5,13 @@ import shutil
 import pytest
 from typer.testing import CliRunner
 
-from diagrams.assembly.find import RECORDINGS
 from diagrams.command_line import app
 from diagrams.data import data_folder
 from diagrams.doptrack import SOURCE as DOPTRACK
 from diagrams.errors import UserError
 from diagrams.locards import SOURCE as LOCARDS
 from diagrams.recordings import recording_settings
-from diagrams.replay import replay, replay_settings
+from diagrams.replay import replay
 
 
 @pytest.mark.parametrize(
@@ -30,7 +29,7 @@ def test_settings_are_shown_with_their_meaning(dataset, setting, shown):
     assert told.exit_code == 0 and shown in told.output
     helped = CliRunner().invoke(app, ["replay", dataset, "--help"])
     assert helped.exit_code == 0 and f"{field}: " in helped.output
-    shown = recording_settings(dataset) if dataset in RECORDINGS else replay_settings(dataset)
+    shown = recording_settings(dataset)
     assert all("  # " in line for line in shown.splitlines() if not line.startswith("  ") or "elevation" in line)
 
 
@@ -48,7 +47,7 @@ def test_settings_are_shown_with_their_meaning(dataset, setting, shown):
         ("doptrack", "sigma_mps=[1, 2]", "sigma_mps: .* is not allowed; three numbers > 0"),
         ("kiwisdr", "notch=1", "notch is not known.*notch_hz"),
         ("kiwisdr", "half_delay_s=-1", "half_delay_s: -1 is not allowed; a finite number > 0"),
-        ("bearings", "sigma=1", "sigma=1 is not allowed for bearings; it has no settings"),
+        ("bearings", "sigma=1", "sigma is not known; there are data, estimators"),
     ],
 )
 def test_a_wrong_setting_is_one_line_before_anything_is_read(dataset, setting, message, tmp_path):

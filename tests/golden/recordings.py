@@ -10,7 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from diagrams.bearings import _run as run_bearings
+from diagrams.bearings import Settings as BearingsSettings
+from diagrams.bearings import declare_bearings
+from diagrams.bearings_file import read_bearings
 from diagrams.doptrack import ORDERS, declare_passes
 from diagrams.doptrack import Settings as DoptrackSettings
 from diagrams.doptrack_data import read_passes
@@ -80,7 +82,8 @@ def _bearings():
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "bearings.csv"
         file.write_text("\n".join(["time_s,x_m,y_m,bearing_deg,sigma_deg", *rows]) + "\n")
-        fixes = run_bearings(file, False).fixes
+        model = declare_bearings(read_bearings(file))
+    fixes = report_of("bearings", model, BearingsSettings()).fixes
     positions = np.array([fix.position for fix in fixes.values()])
     return {"position": positions, "covariance": np.array([fix.covariance for fix in fixes.values()])}
 
