@@ -99,7 +99,7 @@ class KvnText:
             if len(text) > _LONGEST_LINE:
                 self.refuse(number, f"a line of {len(text)} characters is not allowed; at most {_LONGEST_LINE}")
             before, equals, after = text.partition("=")
-            if equals and not before.lstrip().upper().startswith("COMMENT "):
+            if equals and before.split()[:1] not in (["COMMENT"], ["comment"]):
                 yield KvnLine(number, text, before.strip().upper(), after.strip(), True)
             else:
                 word, *rest = text.split(None, 1)
@@ -168,6 +168,11 @@ class KvnText:
         if not line.assigned or not line.value:
             self.refuse(line.number, f"{line.keyword} {brief(line.value)} is not allowed; {line.keyword} = value")
         return line.keyword
+
+    def once(self, line: KvnLine, found: Mapping[str, object]) -> None:
+        """Refuse a keyword that has been found before."""
+        if line.keyword in found:
+            self.refuse(line.number, f"{line.keyword} is there twice; once is allowed")
 
     def scale(self, line: int, value: str) -> str:
         """Return a time scale that can be turned into TAI."""

@@ -154,18 +154,13 @@ def _header(text: KvnText, lines: Iterator[KvnLine]) -> tuple[dict[str, str], tu
             comments.append(line.value)
         else:
             name = text.keyword(line, HEADER, "in the header")
-            _once(text, line, header)
+            text.once(line, header)
             if name == "CREATION_DATE":
                 text.epoch(line.number, name, line.value, "UTC")
             header[name] = line.value
         line = next(lines, None)
     text.required(line.number if line else None, header, HEADER[:2], "in the header")
     return header, tuple(comments), line
-
-
-def _once(text: KvnText, line: KvnLine, found: Mapping[str, str]) -> None:
-    if line.keyword in found:
-        text.refuse(line.number, f"{line.keyword} is there twice; once is allowed")
 
 
 def _segment(text: KvnText, lines: Iterator[KvnLine], begin: int) -> TrackingSegment:
@@ -178,7 +173,7 @@ def _segment(text: KvnText, lines: Iterator[KvnLine], begin: int) -> TrackingSeg
             comments.append(line.value)
             continue
         text.keyword(line, METADATA, "in the metadata")
-        _once(text, line, metadata)
+        text.once(line, metadata)
         metadata[line.keyword] = _checked(text, line)
     else:
         text.refuse(None, f"it ends before the META_STOP of line {begin}'s META_START")

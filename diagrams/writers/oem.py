@@ -1,0 +1,62 @@
+"""Orbit Ephemeris Messages (CCSDS 502.0-B-3) in keyword = value notation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from diagrams.readers.oem import EphemerisMessage, EphemerisSegment
+from diagrams.readers.oem_covariance import Covariance
+from diagrams.readers.oem_keywords import HEADER, METADATA
+from diagrams.writers.kvn import assignments, comments
+from systems.time_scales import from_tai
+
+__all__ = ["oem_text"]
+
+
+def oem_text(message: EphemerisMessage) -> str:
+    """Return a message as text; `diagrams.readers.oem.read_oem` makes an equal message of it.
+
+    Raises
+    ------
+    ValueError
+        If an epoch cannot be written in the time system of its segment (UTC before 1972), or a value is no line of
+        text.
+    """
+    return "\n".join([*_message(message), ""])
+
+
+def _message(message: EphemerisMessage) -> Iterator[str]:
+    yield f"CCSDS_OEM_VERS = {message.version}"
+    yield from comments(message.comments)
+    yield from assignments(message.header, HEADER)
+    for segment in message.segments:
+        yield ""
+        yield from _segment(segment)
+
+
+def _segment(segment: EphemerisSegment) -> Iterator[str]:
+    yield "META_START"
+    yield from comments(segment.comments)
+    yield from assignments(segment.metadata, METADATA)
+    yield "META_STOP"
+    yield from comments(segment.data_comments)
+    scale = segment.metadata["TIME_SYSTEM"]
+    columns = segment.second.tolist(), segment.rest.tolist(), segment.states.tolist(), segment.accelerations.tolist()
+    for second, rest, state, acceleration in zip(*columns, strict=True):
+        numbers = [*state, *acceleration] if np.isfinite(acceleration).all() else state
+        yield " ".join([from_tai(second, rest, scale), *map(repr, numbers)])
+    if segment.covariances:
+        yield "COVARIANCE_START"
+        for one in segment.covariances:
+            yield from _covariance(one, scale)
+        yield "COVARIANCE_STOP"
+
+
+def _covariance(one: Covariance, scale: str) -> Iterator[str]:
+    yield f"EPOCH = {from_tai(one.second, one.rest, scale)}"
+    if one.frame:
+        yield f"COV_REF_FRAME = {one.frame}"
+    for i, row in enumerate(one.matrix.tolist(), 1):
+        yield " ".join(map(repr, row[:i]))
