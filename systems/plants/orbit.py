@@ -56,15 +56,22 @@ def check_initial(initial: ArrayLike, constants: GravityConstants) -> Array:
         raise ValueError("orbit initial state: zero trials; at least one is needed")
     if not np.all(np.isfinite(x)):
         trial, satellite, _ = np.argwhere(~np.isfinite(x))[0]
-        raise ValueError(f"orbit initial state: satellite {satellite} of trial {trial} has a number that is not finite")
+        raise ValueError(f"orbit initial state: {_which(x, satellite, trial)} has a number that is not finite")
     below = ~above_surface(x[..., :3], constants)
     if below.any():
         trial, satellite = np.argwhere(below)[0]
         raise ValueError(
-            f"orbit initial state: satellite {satellite} of trial {trial} starts below the Earth's surface, "
+            f"orbit initial state: {_which(x, satellite, trial)} starts below the Earth's surface, "
             f"{np.linalg.norm(x[trial, satellite, :3]):.0f} m from the centre"
         )
     return x
+
+
+def _which(states: Array, satellite: int, trial: int) -> str:
+    """Return which satellite it is, as far as there are several, and several trials."""
+    trials, satellites = states.shape[:2]
+    named = f"satellite {satellite}" if satellites > 1 else "the satellite"
+    return f"{named} of trial {trial}" if trials > 1 else named
 
 
 class _OrbitBlock(EnsembleBlock):
@@ -217,7 +224,8 @@ class DenseOrbit(_OrbitBlock):
         )
         if solved.status == 1:
             lowest = int(np.argmin(self._heights(solved.y[:, -1])))
-            raise ValueError(f"orbit of {name}: satellite {lowest} falls onto the Earth after {solved.t[-1]:.0f} s")
+            which = _which(self.initial, lowest, 0)
+            raise ValueError(f"orbit of {name}: {which} falls onto the Earth after {solved.t[-1]:.0f} s")
         return solved.sol
 
     def _heights(self, state: Array) -> Array:

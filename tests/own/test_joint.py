@@ -260,11 +260,11 @@ MISTAKES = {
     "an offset on a flat Earth": ({"frame": "local"}, "platforms.s0: !Offset is not allowed in frame local"),
     "a satellite that falls": (
         {"platforms.s1": "!PositionVelocity {position_km: [6478, 0, 0], velocity_kmps: [-8, 0, 0]}"},
-        "platforms.s1: orbit of platforms.s1: satellite 0 falls onto the Earth after 1",
+        "platforms.s1: orbit of platforms.s1: the satellite falls onto the Earth after 1",
     ),
     "one that starts in the ground": (
         {"platforms.s2": "!PositionVelocity {position_km: [6000, 0, 0]}"},
-        "platforms.s2: orbit initial state: satellite 0 of trial 0 starts below the Earth's surface",
+        "platforms.s2: orbit initial state: the satellite starts below the Earth's surface",
     ),
 }
 
