@@ -91,7 +91,8 @@ def _draw(dataset: xr.Dataset, index: int, quantity: str) -> Figure:
         ylim=(vertical[0], vertical[-1]),
     )
     lines = [
-        f"Bound of the {_TITLES[quantity]} after {attributes['duration_s']:g} s: {dataset['set'].values[index]}",
+        f"Bound of the {_TITLES[quantity]} after {attributes['duration_s']:g} s: {dataset['set'].values[index]}"
+        + _everywhere(values, levels, unit),
         f"process noise {attributes['noise']}; prior {attributes['prior']}",
         f"target: {attributes['target']}",
     ]
@@ -108,6 +109,14 @@ def _name(figure: Figure, axes: Any, dataset: xr.Dataset) -> None:
         if texts.dtype.kind == "U" and texts.size:
             at = dict(zip(map(str, texts), places[0][:, ::-1], strict=True))
             name_places(figure, axes, at, color)
+
+
+def _everywhere(values: np.ndarray, levels: np.ndarray, unit: str) -> str:
+    """Return how large the bound is where no contour says so, for it is about the same all over the map."""
+    finite = values[np.isfinite(values)]
+    if finite.size == 0 or np.any((levels > finite.min()) & (levels < finite.max())):
+        return ""
+    return f", {finite.min():.4g} to {finite.max():.4g} {unit} everywhere"
 
 
 def _levels(values: np.ndarray) -> np.ndarray:

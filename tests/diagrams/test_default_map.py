@@ -235,3 +235,20 @@ def test_legend_of_a_map_speaks_of_what_is_on_it(tmp_path, monkeypatch):
     moving = places + np.linspace(0, 1e-3, 5)[:, None, None]
     assert said(moving) == ["platforms", "at half time", target]
     assert said(places + 1e6) == [target]
+
+
+def test_a_map_without_a_contour_says_how_large_the_bound_is(tmp_path, monkeypatch):
+    model = flat_plane.SYSTEM.declare(flat_plane.Scenario())
+    (of,) = default_maps(model, flat_plane.Scenario().estimators, points=7)
+    dataset, drawn = map_bounds(of, progress=False), []
+    monkeypatch.setattr(gdop, "save", lambda figure, path: drawn.append(figure) or path)
+
+    def headline(least, most):
+        drawn.clear()
+        shape = dataset["position"].shape
+        dataset["position"][:] = np.linspace(least, most, dataset["position"].size).reshape(shape)
+        gdop.draw_gdop(dataset, tmp_path)
+        return drawn[0].axes[0].get_title().splitlines()[0]
+
+    assert headline(24.1, 24.2).endswith(", 24.1 to 24.2 m everywhere")
+    assert "everywhere" not in headline(15, 40)

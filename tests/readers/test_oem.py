@@ -133,9 +133,7 @@ def test_files_that_are_cut_are_refused(tmp_path, text):
     assert whole is not None
     for end in range(0, len(text) - 1, 7):
         left = refused_or_read(read_oem, tmp_path / "a.oem", text[:end].encode())
-        if (
-            left is not None and left != whole
-        ):  # cut between parts: nothing is half there
+        if left is not None and left != whole:  # cut between parts: nothing is half there
             for mine, all_ in zip(left.segments, whole.segments, strict=False):
                 np.testing.assert_array_equal(mine.states, all_.states)
                 assert mine.covariances in ((), all_.covariances)
