@@ -60,7 +60,7 @@ def draw_observability(one: Mapping[str, Any], time_s: Sequence[float], title: s
     log_scale(above)
     above.set_ylabel("sigma from measurements / prior")
     grid(above)
-    above.legend(loc="lower left", fontsize=11)
+    above.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=10, frameon=False)
     shares = np.array(one["weakest"], dtype=float)
     order = [i for i in np.argsort(-shares.max(axis=0)) if shares[:, i].max() > 0.05][:8]
     rest = 1 - shares[:, order].sum(axis=-1)
