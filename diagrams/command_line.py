@@ -176,8 +176,28 @@ def run(
         bool, typer.Option("--trust", help="With --from: import the system and the classes that the result names.")
     ] = False,
     data: Annotated[list[Path] | None, _DATA] = None,
+    measurements: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Of a system of your own in YAML: what its sensors measured. CSV or Parquet with columns time or "
+            "time_s, kind, receiver, reference, value, unit and, as needed, target, sigma.",
+        ),
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="With measurements: where the target was, a CSV track; errors are told then."
+        ),
+    ] = None,
+    write_measurements: Annotated[
+        bool, typer.Option("--write-measurements", help="Write what was measured into DIR, for --measurements.")
+    ] = False,
 ) -> None:
-    """Run a study: print a table; with --out write results.zarr, summary.json, figures and diagram.svg."""
+    """Run a study: print a table; with --out write results.zarr, summary.json, figures and diagram.svg.
+
+    On measurements of your own also estimates.csv and estimates.parquet.
+    """
     from diagrams.running import run_command
 
     asked = {
@@ -191,6 +211,9 @@ def run(
         "every": every,
         "chunk": chunk,
         "data": data,
+        "measurements": measurements,
+        "truth": truth,
+        "write_measurements": write_measurements or None,
     }
     run_command(system, {k: v for k, v in asked.items() if v is not None}, from_, out, overwrite, trust)
 

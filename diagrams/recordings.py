@@ -12,7 +12,7 @@ from diagrams.assembly.find import RECORDINGS, Found, find
 from diagrams.errors import UserError, choose
 from diagrams.scenario import dump
 
-__all__ = ["find_recording", "only_simulated", "recording_settings", "with_data"]
+__all__ = ["find_recording", "only_simulated", "recording_settings", "with_data", "with_measurements"]
 
 _WHY = {
     "gdop": "its target is where it was, and a map needs one that can be put anywhere",
@@ -65,6 +65,29 @@ def with_data(found: Found, settings: Sequence[str] | None, data: Sequence[Path]
     if len(data) > 1:
         raise UserError(f"--data: {len(data)} are not allowed for {found.title}; one")
     return [f"data={json.dumps(str(data[0]))}", *chosen]
+
+
+def with_measurements(
+    found: Found, settings: Sequence[str] | None, measurements: Path | None, truth: Path | None
+) -> list[str]:
+    """Return ``KEY=VALUE`` settings with a table of measurements, and the truth, of a system of a user's own.
+
+    Raises
+    ------
+    UserError
+        If it is another system.
+    """
+    chosen = list(settings or ())
+    for option, key, file in (
+        ("--measurements", "measurements.file", measurements),
+        ("--truth", "measurements.truth.file", truth),
+    ):
+        if file is None:
+            continue
+        if found.source != "yaml":
+            raise UserError(f"{option}: {file} is not allowed for {found.title}; for a system of one's own in YAML")
+        chosen.insert(0, f"{key}={json.dumps(str(file.absolute()))}")
+    return chosen
 
 
 def recording_settings(name: str) -> str:

@@ -6,6 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from diagrams.assembly.find import FORMS, Found, find
 from diagrams.epochs import along, from_the_end
 from diagrams.errors import UserError
 from diagrams.output import OutputFolder, written_beside
-from diagrams.recordings import only_simulated, with_data
+from diagrams.recordings import only_simulated, with_data, with_measurements
 from diagrams.rerun import ask_again
 from diagrams.results import open_result, write_summary
 from diagrams.starting import why_not_started
@@ -44,6 +45,8 @@ def run_command(
 
     began = time.monotonic()
     options = dict(asked)
+    fed = {key: options.pop(key, None) for key in ("measurements", "truth")}
+    write = options.pop("write_measurements", False)
     found: Found | str | None = system
     if from_ is not None:
         found, options = ask_again(from_, system, options, trust)
@@ -54,7 +57,15 @@ def run_command(
     if data := options.pop("data", None):
         found = find(found)
         options["set"] = with_data(found, options.get("set"), data)
+    if fed["measurements"] or fed["truth"]:
+        found = find(found)
+        options["set"] = with_measurements(found, options.get("set"), **fed)
+    if write:
+        options = _to_be_written(options, out)
     study = Study(found, **options)
+    if write and "raw" in study.probe.bus:  # what is measured, before phases are resolved
+        signals = {**study.model.signals, "raw": "raw"}
+        study = Study(found, **options, model=replace(study.model, signals=signals))
     if out is None:
         parts = list(study.chunks(progress))
         dataset = join(parts)
@@ -76,10 +87,27 @@ def run_command(
         _illustrate(dataset, study, folder.work)
         if report is not None:
             report.draw(folder.work)
+        if write:
+            from diagrams.own.writing import write_measurements
+
+            write_measurements(dataset, study.request.scenario, folder.work / "measurements.csv")
         folder.finish()
     _print_all(open_result(folder.final), estimators, report)
-    print(f"wrote {out}: results.zarr, summary.json, figures, diagram.svg ({time.monotonic() - began:.1f} s)")
+    tables = ", ".join(path.name for name in ("estimates", "measurements") for path in sorted(out.glob(f"{name}.*")))
+    others = f", {tables}" if tables else ""
+    print(f"wrote {out}: results.zarr, summary.json, figures, diagram.svg{others} ({time.monotonic() - began:.1f} s)")
     return report
+
+
+def _to_be_written(options: Mapping[str, Any], out: Path | None) -> dict[str, Any]:
+    """Return options with which a study keeps what ``--write-measurements`` writes."""
+    if out is None:
+        raise UserError("--write-measurements: it needs --out DIR, where measurements.csv goes")
+    if options.get("every", 1) != 1:
+        raise UserError(f"--every: {options['every']} is not allowed with --write-measurements; 1")
+    keep = {"estimates": "measurements", "covariance": "all"}
+    kept = options.get("keep", "estimates")
+    return {**options, "keep": keep.get(kept, kept)}
 
 
 def _print_all(dataset: xr.Dataset, estimators: Mapping[str, Any], report: Report | None) -> None:

@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from diagrams.assembly.model import Model
-from systems.clocks import Clock
+from systems.clocks import Clock, Stepped
 from systems.signals import Draw, set_draw
 from systems.tracks import play_track
 
@@ -93,6 +93,10 @@ def simulate(
         end = max(model.duration, *model.clock.ticks(model.duration)[-1:])
     else:
         end = play_track(diagram, context, run.first)
+    stops = [end]
+    if isinstance(model.clock, Stepped):
+        context.SetTime(0.0)  # where a start that is given holds, and a prior is drawn
+        stops = [float(tick) for tick in (run.clock or model.clock).ticks(end) if tick > 0]
     begin = context.get_time()
     simulator.reset_context(context)
 
@@ -103,7 +107,8 @@ def simulate(
     simulator.set_monitor(monitor)
     try:
         simulator.Initialize()
-        simulator.AdvanceTo(end)
+        for stop in stops:
+            simulator.AdvanceTo(stop)
     finally:
         simulator.clear_monitor()
     return context

@@ -34,7 +34,7 @@ from diagrams.result_schema import SCHEMA_VERSION
 from diagrams.runs import Run, padded, runs, simulate
 from diagrams.scenario import dump
 from diagrams.score import Score
-from systems.clocks import Clock, Times
+from systems.clocks import Clock, Stepped, Times
 from systems.integration import simulator_of
 from systems.recorder import Recorder, record
 
@@ -280,7 +280,8 @@ class Study:
         if self.request.every == 1 or self._epochs:
             return clock
         ticks = clock.ticks(duration)
-        return Times(np.union1d(ticks[:: self.request.every], ticks[-1:]))
+        kind = Stepped if isinstance(clock, Stepped) else Times
+        return kind(np.union1d(ticks[:: self.request.every], ticks[-1:]))
 
     # ---- running
 

@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Clock", "Merged", "Periodic", "Times", "same_instant"]
+__all__ = ["Clock", "Merged", "Periodic", "Stepped", "Times", "at_ticks", "same_instant"]
 
 _NEVER_AGAIN = 1e12  # seconds; the period of an event that is meant to fire once
 _ROUNDING = 1e-12  # relative; thousands of rounding errors, and less than light needs for 0.3 mm at 1 s
@@ -125,6 +125,31 @@ class Times:
     def ticks(self, end: float) -> NDArray[np.float64]:
         """See `Clock.ticks`."""
         return self._stamps[self._stamps <= end + _slack(end)]
+
+
+class Stepped(Times):
+    """Ticks at given stamps that whoever runs the diagram advances to, one after the other.
+
+    Drake asks every event of every block at every step when it is due: 6.5 ns each, 65 s for a block of 1e5 stamps. So
+    there are no events here, and a block looks at every step whether it is at a tick; see `at_ticks`.
+    """
+
+
+def at_ticks(clock: Clock, timed: Callable[[float, float], None], stepped: Callable[[], None]) -> None:
+    """Declare what a block does at the ticks of a clock.
+
+    Parameters
+    ----------
+    clock : Clock
+    timed : callable
+        ``timed(period, offset)`` declares an event of Drake's.
+    stepped : callable
+        Declares what is done at every step, if that is at a tick: of a `Stepped` clock.
+    """
+    if isinstance(clock, Stepped):
+        stepped()
+    else:
+        clock.declare(timed)
 
 
 def _find(ticks: NDArray[np.float64], time: float) -> int | None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, ValueProducer
 
-from systems.clocks import Clock, same_instant
+from systems.clocks import Clock, at_ticks, same_instant
 from systems.signals import EnsembleBlock
 
 __all__ = ["Log", "Recorder", "record"]
@@ -56,7 +56,12 @@ class Recorder(EnsembleBlock):
             ValueProducer(allocate=lambda: AbstractValue.Make({"log": Log(names)}), calc=ValueProducer.NoopCalc),
             {self.nothing_ticket()},
         ).cache_index()
-        clock.declare(lambda period, offset: self.DeclarePeriodicPublishEvent(period, offset, self._publish))
+        self._clock = clock
+        at_ticks(
+            clock,
+            lambda period, offset: self.DeclarePeriodicPublishEvent(period, offset, self._publish),
+            lambda: self.DeclarePerStepPublishEvent(self._publish_at_tick),
+        )
 
     def _mutable_log(self, context: Context) -> dict[str, Log]:
         entry = self.get_cache_entry(self._log)
@@ -70,6 +75,10 @@ class Recorder(EnsembleBlock):
         log.times.append(time)
         for signal, values in log.values.items():
             values.append(self.read(context, signal))
+
+    def _publish_at_tick(self, context: Context) -> None:
+        if self._clock.index(context.get_time()) is not None:
+            self._publish(context)
 
     def result(self, root_context: Context) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
         """Return the times [s], shape (samples,), and each signal, shape (samples, trials, size)."""

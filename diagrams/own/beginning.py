@@ -54,7 +54,7 @@ class Surroundings:
     states : int
         Number of components of the state.
     target, carriers : callable
-        States (6,) and (6 p,) at a time [s], as they are.
+        States (6,) and (6 p,) at a time [s], as they are; None: nobody knows where the target is.
     setting : Setting
         Length of a run, its date, and where files are.
     """
@@ -63,7 +63,7 @@ class Surroundings:
     kinds: Sequence[Measured]
     clock: Clock
     states: int
-    target: Path
+    target: Path | None
     carriers: Callable[[float], Array]
     setting: Setting
 
@@ -73,16 +73,17 @@ class Surroundings:
         chosen = [known[choose(where, name, known)] for name in names or known]
         if self.states != 6:
             raise UserError(f"{where}: a fix knows nothing of the oscillator; !Prior or !Given")
-        time = min(one.timed.offset_s for one in self.kinds)
-        target, carriers = self.target(time)[None], self.carriers(time).reshape(1, -1, 6)
+        simulated = self.scenario.measurements is None
+        time = min(one.timed.offset_s for one in self.kinds) if simulated else 0.0
+        target, carriers = self._anywhere(time)[None], self.carriers(time).reshape(1, -1, 6)
         for one in chosen:
-            if one.timed.offset_s > time:
+            if simulated and one.timed.offset_s > time:
                 raise UserError(
                     f"{where}: {one.name} is not allowed; it measures from {one.timed.offset_s:g} s on, the first "
                     f"measurement is at {time:g} s"
                 )
             used = one.real.platforms_used(carriers.shape[-2]).any(axis=0)
-            if one.mask is not None and not one.mask.visible(target, carriers)[..., used].all():
+            if simulated and one.mask is not None and not one.mask.visible(target, carriers)[..., used].all():
                 raise UserError(
                     f"{where}: {one.name} is not allowed; at {time:g} s one of its platforms does not see the target"
                 )
@@ -91,6 +92,13 @@ class Surroundings:
                     f"{where}: {one.name} is not allowed; a fix is of rows that depend on the position alone"
                 )
         return chosen
+
+    def _anywhere(self, time: float) -> Array:
+        """Return the target's state, or one that is as good to see what measurements depend on."""
+        if self.target is not None:
+            return self.target(time)
+        state = self.carriers(time).reshape(-1, 6).mean(axis=0)
+        return state + np.array([1e3, 2e3, 3e3, 4.0, 5.0, 6.0])
 
 
 Begin = Callable[[str, EstimatorOptions, Sequence[str]], Start]
@@ -181,6 +189,8 @@ def _known_height(field: KnownHeight, around: Surroundings) -> tuple[Begin, list
 
 def _check_above(around: Surroundings, receivers: Sequence[int]) -> None:
     """Refuse receivers that are never all above the target's horizon: the fix takes no other solution."""
+    if around.target is None:
+        return
     ticks = around.clock.ticks(around.setting.duration)
     times = [float(t) for t in ticks[:: max(1, len(ticks) // 60)]]
     target = np.array([around.target(t) for t in times])

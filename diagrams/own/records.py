@@ -59,17 +59,20 @@ class Setting:
         What relative paths are relative to.
     reference : ReferenceOrbit
         What !Offset is counted from.
+    zero : (int, float), optional
+        t = 0 as seconds since 1970, whole and rest, where no date says it.
     """
 
     duration: float
     start: str | None
     folder: FilePath
     reference: ReferenceOrbit = field(default_factory=ReferenceOrbit)
+    zero: tuple[int, float] | None = None
 
     def began(self) -> tuple[int, float] | None:
         """Return t = 0 as seconds since 1970, whole and rest; None without a date."""
         if self.start is None:
-            return None
+            return self.zero
         try:
             return instant(self.start)
         except ValueError as error:

@@ -140,7 +140,7 @@ def _delays(scenario: OwnScenario, kind: Measured, kinds: Sequence[Measured]) ->
     if not able:
         raise UserError(f"{where}: {field.resolved_by} is not allowed; there is no !Tdoa of two rows")
     delays = able[choose(where, field.resolved_by, able)]
-    ticks = kind.clock.ticks(scenario.duration_s)
+    ticks = kind.clock.ticks(scenario.duration_s) if scenario.measurements is None else ()
     late = [float(t) for t in ticks if delays.clock.index(float(t)) is None]
     if late:
         raise UserError(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Union
 from diagrams.assembly.frame import Frame, as_frame
 from diagrams.formation import EarthConstants, ReferenceOrbit
 from diagrams.own import extra, motions, plants
+from diagrams.own.measurements import Measurements
 from diagrams.own.movers import Fixed, Mover, RandomMotion
 from diagrams.own.sensors import Sensor
 from diagrams.own.starts import KnownHeight, Snapshot
@@ -123,8 +124,11 @@ class OwnScenario:
     reference_orbit: ReferenceOrbit = documented("what !Offset is counted from", factory=ReferenceOrbit)
     platforms: dict[str, Mover] = documented("what carries the sensors, by name", factory=dict)
     platform_errors: PlatformErrors = documented("how well the platforms are known", factory=PlatformErrors)
-    target: Mover | RandomMotion | plants.Custom = documented("what is looked for", factory=Fixed)
+    target: Mover | RandomMotion | plants.Custom | None = documented(
+        "what is looked for; null: nobody knows where it is, with measurements", None
+    )
     sensors: dict[str, Sensor] = documented("what is measured, by name", factory=dict)
+    measurements: Measurements | None = documented("what was measured, in a file; null: it is simulated", None)
     oscillator: Oscillator | None = documented(
         "of the emitter, for !Frequency and !RangeRate; null: it has no error", None
     )

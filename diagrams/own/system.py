@@ -20,6 +20,7 @@ from diagrams.own import plants
 from diagrams.own.apart import check_apart
 from diagrams.own.beginning import Begin, Surroundings, begin
 from diagrams.own.impairing import Together, impaired
+from diagrams.own.measured import measured, recorded_of, setting_of, table_of_scenario, true_path
 from diagrams.own.movers import Mover, RandomMotion, Tle
 from diagrams.own.paths import Path, path_of, paths_of
 from diagrams.own.places import Places
@@ -36,11 +37,11 @@ from diagrams.scenario import read_yaml
 from systems.clocks import Clock, Merged
 from systems.estimators.options import EstimatorOptions
 from systems.integration import LONGEST_STEP
+from systems.motion.base import MotionModel
 from systems.motion.custom import CustomMotion
-from systems.motion.gravity import GravityConstants
 from systems.plants.path import Path as PathBlock
 
-__all__ = ["OwnScenario", "declare", "own_system"]
+__all__ = ["OwnScenario", "declare", "own_system", "places_of"]
 
 Array = NDArray[np.float64]
 
@@ -63,12 +64,13 @@ def _check_seen(scenario: OwnScenario, sensors: Sequence[PlacedSensor], target: 
             )
 
 
-def _places(scenario: OwnScenario, constants: GravityConstants) -> Places:
+def places_of(scenario: OwnScenario) -> Places:
     """Return what sensors have around them."""
     for name in scenario.platforms:
         if not NAME.fullmatch(name):
             raise UserError(f"platforms: the name {name!r} is not allowed; letters, digits and _, a letter first")
     numbers = {name: i for i, name in enumerate(scenario.platforms)}
+    constants = gravity_constants(scenario.constants)
     return Places(numbers, scenario.axes, constants, None if scenario.oscillator is None else _OSCILLATOR)
 
 
@@ -79,12 +81,11 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
     """
     if not scenario.platforms:
         raise UserError("platforms: none is given; at least one is needed")
-    constants, frame, duration = gravity_constants(scenario.constants), scenario.axes, scenario.duration_s
-    setting = Setting(duration, scenario.start_utc, folder, scenario.reference_orbit)
-    setting.began()
+    table = table_of_scenario(scenario, folder)
+    constants, frame = gravity_constants(scenario.constants), scenario.axes
+    setting = setting_of(scenario, folder, table)
     paths = paths_of({f"platforms.{name}": one for name, one in scenario.platforms.items()}, frame, setting, constants)
-    sensors = placed_sensors(scenario, _places(scenario, constants))
-    clock: Clock = sensors[0].clock if len(sensors) == 1 else Merged([one.clock for one in sensors])
+    sensors = placed_sensors(scenario, places_of(scenario))
     flight = target_motion(scenario)
     motion = with_bias(scenario, flight, scenario.belief.walk_hz2ps)
 
@@ -94,44 +95,64 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
     platforms = Platforms(lambda: PathBlock(carriers, "carriers", 6 * len(paths)))
     path = _target_path(scenario, setting, platforms)
     if isinstance(flight, CustomMotion):
-        flight.check(np.stack([path(0.0)] * 2), scenario.period_s)
-    _check_seen(scenario, sensors, path, carriers)
-    check_apart(scenario, sensors, path, carriers)
+        flight.check(np.stack([np.zeros(6) if path is None else path(0.0)] * 2), scenario.period_s)
     kinds = [kind for one in sensors for kind in one.kinds]
-    around = Surroundings(scenario, kinds, clock, motion.size, path, carriers, setting)
-    start, needed = begin(around)
     resolvers = phase_resolvers(scenario, kinds, motion.size)
+    fed = None if table is None else measured(scenario, setting, table, kinds, places_of(scenario), path)
+    clock = _clock(sensors) if fed is None else fed.clock
+    around = Surroundings(scenario, kinds, clock, motion.size, path, carriers, setting)
+    parts = _simulated(around, sensors, flight, bool(resolvers.each)) if fed is None else [fed]
+    start, needed = begin(around)
 
     def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
         raw = options.resolves_phases or not resolvers.each
         seen = list(resolvers.rows) if raw else resolvers.on(bus)
         takes = {"measurement": "raw"} if raw and resolvers.each else {}
+        if fed is not None and fed.scaled:
+            takes["noise_covariance"] = "noise_covariance"
         return Assumed(used_rows(sensors, options, name), motion, start(name, options, seen), seen, takes)
 
     own = _own_parts(scenario)
-    begins: list[Part] = [platforms, Target(scenario, flight, path, clock), *own["sensors"]]
+    notes = [differentiated(sensors, flight), _open(around, start), _old(scenario, setting)]
     return Model(
         clock=clock,
-        duration=duration,
+        duration=scenario.duration_s if fed is None else fed.end,
         divergence=scenario.divergence_m,
-        parts=[*begins, *_sensing(scenario, sensors, bool(resolvers.each)), *needed, *own["estimators"]],
+        parts=[platforms, *parts[:1], *own["sensors"], *parts[1:], *needed, *own["estimators"]],
         assume=assume,
         truth_motion=true_motion(scenario, flight),
-        truth_states=motion.names,
+        truth_states=motion.names if fed is None else motion.names[:6],
         platforms=list(scenario.platforms),
         frame=frame,
         signals={**resolvers.signals, **{k: v for field in scenario.parts for k, v in field.signals.items()}},
         rows=resolvers.rows,
         step=scenario.target.step_s if isinstance(scenario.target, plants.Custom) else LONGEST_STEP,
+        recorded=None if fed is None else recorded_of(fed, path is not None, setting.began()),
         view=view_of(scenario.map, frame, setting, constants),
-        note=" ".join(
-            note for note in (differentiated(sensors, flight), _open(around, start), _old(scenario, setting)) if note
-        ),
+        note=" ".join(note for note in (*notes, *(fed.notes if fed else ())) if note),
     )
+
+
+def _clock(sensors: Sequence[PlacedSensor]) -> Clock:
+    """Return when anything is measured in a simulation."""
+    return sensors[0].clock if len(sensors) == 1 else Merged([one.clock for one in sensors])
+
+
+def _simulated(
+    around: Surroundings, sensors: Sequence[PlacedSensor], flight: MotionModel, resolved: bool
+) -> list[Part]:
+    """Return target and sensors of a simulation, checked; `resolved`: whether something resolves phases."""
+    scenario, path = around.scenario, around.target
+    assert path is not None
+    _check_seen(scenario, sensors, path, around.carriers)
+    check_apart(scenario, sensors, path, around.carriers)
+    return [Target(scenario, flight, path, around.clock), *_sensing(scenario, sensors, resolved)]
 
 
 def _open(around: Surroundings, start: Begin) -> str:
     """Return what the start does not tell of the phases."""
+    if around.target is None:
+        return ""
     rows = [row for kind in around.kinds for row in kind.real.names]
     for name, options in around.scenario.estimators.items():
         if not options.resolves_phases:
@@ -163,12 +184,16 @@ def _sensing(scenario: OwnScenario, sensors: Sequence[PlacedSensor], resolved: b
     return [*parts, KnownPlatforms(errors.sigma_position_m, errors.sigma_velocity_mps)]
 
 
-def _target_path(scenario: OwnScenario, setting: Setting, platforms: Part) -> Path:
-    """Return the state (6,) of the target, or the mean of its start, as a function of time."""
+def _target_path(scenario: OwnScenario, setting: Setting, platforms: Part) -> Path | None:
+    """Return the state (6,) of the target, or the mean of its start, as a function of time; None: nobody knows."""
     target, constants = scenario.target, gravity_constants(scenario.constants)
+    if scenario.measurements is not None:
+        return true_path(scenario, setting)
+    if target is None:
+        raise UserError("target: none is given; one is needed, or measurements")
     if isinstance(target, plants.Custom):
         return plants.played(target, platforms)
-    return path_of(_mover(target), scenario.frame, setting, constants, "target")
+    return path_of(_mover(target), scenario.axes, setting, constants, "target")
 
 
 def _mover(target: Mover | RandomMotion) -> Mover:
@@ -178,7 +203,7 @@ def _mover(target: Mover | RandomMotion) -> Mover:
 def _old(scenario: OwnScenario, setting: Setting) -> str:
     """Return which two-line elements are old."""
     movers = {f"platforms.{name}": one for name, one in scenario.platforms.items()}
-    if not isinstance(scenario.target, plants.Custom):
+    if scenario.target is not None and not isinstance(scenario.target, plants.Custom):
         movers["target"] = _mover(scenario.target)
     notes = [old_elements(one, setting, where) for where, one in movers.items() if isinstance(one, Tle)]
     return " ".join(note for note in notes if note)
@@ -206,8 +231,6 @@ def own_system(path: FilePath, text: str | None = None) -> System:
     base = read_yaml(path, "system") if text is None else read_yaml(text)
     if not base:
         raise UserError(f"system: {shown(path)} is empty; platforms, a target, sensors and estimators are needed")
-    if "target" not in base:
-        raise UserError(f"{shown(path)}: target: none is given; one is needed")
     return System(
         name=re.sub(r"[^\w+-]|^_+", "-", path.stem).strip("-")[:60] or "own",
         title=f"declared in {path.name}",

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
-from systems.clocks import same_instant
+from systems.clocks import at_ticks, same_instant
 from systems.counting import tally
 from systems.estimators.memory import TO_COME, Epoch, Innovation, Memory, Remembered
 from systems.estimators.start import Start
@@ -196,8 +196,10 @@ class Estimator(EnsembleBlock):
         self.declare_output("nis", trials, 1, lambda c: self._updated(c).innovation.nis, after)
         self.declare_output("nis_dof", trials, 1, lambda c: self._updated(c).innovation.nis_dof, after)
 
-        wiring.clock.declare(
-            lambda period, offset: self.DeclarePeriodicDiscreteUpdateEvent(period, offset, self._store)
+        at_ticks(
+            wiring.clock,
+            lambda period, offset: self.DeclarePeriodicDiscreteUpdateEvent(period, offset, self._store),
+            lambda: self.DeclarePerStepDiscreteUpdateEvent(self._store_at_tick),
         )
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
 
@@ -345,3 +347,7 @@ class Estimator(EnsembleBlock):
     def _store(self, context: Context, discrete: DiscreteValues) -> None:
         updated = self._updated(context)
         self._write(discrete, updated.memory, updated.innovation, updated.started, context.get_time(), used=True)
+
+    def _store_at_tick(self, context: Context, discrete: DiscreteValues) -> None:
+        if self.wiring.clock.index(context.get_time()) is not None:
+            self._store(context, discrete)

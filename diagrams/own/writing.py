@@ -1,0 +1,82 @@
+"""The measurements of a simulated study as a table that can be read back, to the last bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path as FilePath
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from diagrams.errors import UserError
+from diagrams.own.measured import believed_noise
+from diagrams.own.rows import Row, rows_of
+from diagrams.own.schema import OwnScenario
+from diagrams.own.sensing import placed_sensors
+from diagrams.own.system import places_of
+
+__all__ = ["write_measurements"]
+
+Array = NDArray[np.float64]
+
+_HEAD = "time_s,target,kind,receiver,reference,value,unit,sigma\n"
+
+
+def write_measurements(dataset: xr.Dataset, scenario: object, path: FilePath) -> int:
+    """Write ``measurements.csv`` of a study: each trial is a target, whose name is its number.
+
+    Values are in SI units with all digits, and sigma is what the estimators believe. A sensor that heard nothing has a
+    row without a value, so that reading it back gives the same epochs.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Result of a study that kept its measurements.
+    scenario : OwnScenario
+        What was simulated.
+    path : Path
+        The file.
+
+    Returns
+    -------
+    int
+        Number of rows.
+
+    Raises
+    ------
+    UserError
+        If it is no system of a user's own.
+    """
+    if not isinstance(scenario, OwnScenario):
+        raise UserError(
+            f"--write-measurements: {dataset.attrs['system']} is not allowed; a system of one's own in YAML"
+        )
+    places = places_of(scenario)
+    kinds = [kind for one in placed_sensors(scenario, places) for kind in one.kinds]
+    rows = rows_of(kinds, places)
+    sigmas = np.sqrt(np.diagonal(believed_noise(kinds)))
+    times = dataset["time"].values
+    owners = [kind for kind in kinds for model in (kind.real, *kind.links) for _ in model.names]
+    on = np.array([[kind.clock.index(float(t)) is not None for kind in owners] for t in times])
+    stream = "raw" if "raw" in dataset else "measurement"
+    logged = dataset[stream].transpose("trial", "time", ...)
+    count = 0
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(_HEAD)
+        for k, trial in enumerate(dataset["trial"].values):
+            for line in _lines(times, str(int(trial)), logged[k].values, rows, sigmas, on):
+                file.write(line)
+                count += 1
+    return count
+
+
+def _lines(
+    times: Array, target: str, values: Array, rows: Sequence[Row], sigmas: Array, on: NDArray[np.bool_]
+) -> Iterator[str]:
+    middles = [f",{target},{row.kind},{row.receiver},{row.reference}," for row in rows]
+    ends = [f",{row.unit},{float(sigma)!r}\n" for row, sigma in zip(rows, sigmas, strict=True)]
+    for time, measured, there in zip(times.tolist(), values.tolist(), on, strict=True):
+        for i in np.flatnonzero(there):
+            value = measured[i]
+            yield f"{time!r}{middles[i]}{'' if value != value else repr(value)}{ends[i]}"
