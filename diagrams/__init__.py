@@ -5,9 +5,10 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-__all__ = ["System", "find", "load_scenario", "run_study", "systems"]
+__all__ = ["Source", "System", "find", "load_scenario", "run_study", "systems"]
 
 _WHERE = {
+    "Source": "diagrams.data",
     "System": "diagrams.assembly.system",
     "find": "diagrams.assembly.find",
     "load_scenario": "diagrams.catalogue",

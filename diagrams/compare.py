@@ -41,14 +41,13 @@ def prepare(
 ) -> tuple[ComparedStudy, Lineup]:
     """Return the study of a comparison, ready to run, and who takes part; arguments as in `compare`."""
     found = find(system, variant)
-    source = found.system.recording
-    recording = source is not None
-    if source is not None and not source.truth:
+    if found.system.recording is not None and not found.system.recording.truth:
         only_simulated(found, "compare")
-    if isinstance(trials, int) and trials == 1 and not recording:
-        raise UserError("trials: 1 is not allowed; intervals over trials need at least 2")
     scenario = found.system.resolve(found.variant, scenario, set)
     chosen = line_up(found, scenario, estimators)
+    recording = chosen.model.recorded is not None
+    if isinstance(trials, int) and trials == 1 and not recording:
+        raise UserError("trials: 1 is not allowed; intervals over trials need at least 2")
     if not chosen.names:
         raise UserError("estimators: none is given; at least one is needed")
     epochs = len(chosen.model.clock.ticks(chosen.model.duration))

@@ -66,6 +66,8 @@ def comparison_statistics(
     if not 0 < confidence < 1:
         raise UserError(f"confidence: {confidence} is not allowed; between 0 and 1")
     check_at(study, at)
+    if not dataset["truth"].notnull().any():
+        raise UserError(f"compare: {study.found.title} is not allowed; nobody knows where its target was")
     dataset = from_the_end(dataset)
     times = np.asarray(dataset["time"].values, dtype=float)
     epoch = nearest_epoch(times, at)

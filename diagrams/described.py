@@ -27,6 +27,7 @@ _ABOUT = {
     "platform": (_COUNT, "name of what carries sensors"),
     "coordinate": (_COUNT, "axis of the place and the velocity of a platform"),
     "coordinate_units": (_COUNT, "SI units of these axes"),
+    "track": (_COUNT, "name of the recorded track"),
     "row": (_COUNT, "row of the measurement"),
     "row_units": (_COUNT, "SI units of the rows of the measurement"),
     "innovation_row": (_COUNT, "row of the innovation; NaN where an estimator does not have it"),

@@ -70,7 +70,7 @@ def run_command(
         parts = list(study.chunks(progress))
         dataset = join(parts)
         report = study.report(dataset)
-        _print_all(dataset, summarise(dataset), report)
+        _print_all(dataset, summarise(dataset), report, study.recorded is not None)
         return report
     with OutputFolder(out, overwrite, "run", reads=from_) as folder:
         try:
@@ -92,7 +92,7 @@ def run_command(
 
             write_measurements(dataset, study.request.scenario, folder.work / "measurements.csv")
         folder.finish()
-    _print_all(open_result(folder.final), estimators, report)
+    _print_all(open_result(folder.final), estimators, report, study.recorded is not None)
     tables = ", ".join(path.name for name in ("estimates", "measurements") for path in sorted(out.glob(f"{name}.*")))
     others = f", {tables}" if tables else ""
     print(f"wrote {out}: results.zarr, summary.json, figures, diagram.svg{others} ({time.monotonic() - began:.1f} s)")
@@ -110,9 +110,11 @@ def _to_be_written(options: Mapping[str, Any], out: Path | None) -> dict[str, An
     return {**options, "keep": keep.get(kept, kept)}
 
 
-def _print_all(dataset: xr.Dataset, estimators: Mapping[str, Any], report: Report | None) -> None:
+def _print_all(dataset: xr.Dataset, estimators: Mapping[str, Any], report: Report | None, recorded: bool) -> None:
     """Print the table of a study, where there is a truth to judge by, and that of a recording."""
-    if report is None or ("truth" in dataset and dataset["truth"].notnull().any()):
+    if recorded and report is None:
+        say(f"every {dataset.attrs['every']}: what the recording tells of its own needs every epoch, and is left out")
+    if not recorded or ("truth" in dataset and dataset["truth"].notnull().any()):
         print_summary(dataset, estimators)
     if report is not None:
         print_table(report.table())

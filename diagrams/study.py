@@ -325,7 +325,7 @@ class Study:
                     bounds.add(path["truth"].swapaxes(0, 1)[:size], states_of(path["platforms"], size), size, present)
                 chunk = self._shape.dataset(times, signals, begin, size).assign_attrs(self.attributes())
                 if recorded is not None and recorded.clocks:
-                    chunk = chunk.assign_coords(track=("trial", list(recorded.tracks[begin : begin + size])))
+                    chunk = chunk.assign_coords(track=("trial", np.array(recorded.tracks)[begin : begin + size]))
                 rows = np.broadcast_to(present.sum(axis=-1).max(axis=-1), size)
                 chunk = chunk.assign_coords(measured_rows=("trial", rows, {"rows": present.shape[-1]}))
                 if done == trials and bounds is not None:
@@ -378,8 +378,10 @@ class Study:
         return self._epochs > 0
 
     def report(self, dataset: xr.Dataset) -> Report | None:
-        """Return what a recording tells of a result of the study beside what is told of every one."""
-        return None if self.recorded is None or self.recorded.report is None else self.recorded.report(dataset)
+        """Return what a recording tells of a result beside its table; None: nothing, or epochs are left out."""
+        if self.recorded is None or self.recorded.report is None or self.request.every > 1:
+            return None
+        return self.recorded.report(dataset)
 
     def attributes(self) -> dict[str, Any]:
         """Return what a result needs to be run again from itself."""

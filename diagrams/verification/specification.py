@@ -9,6 +9,7 @@ from diagrams.assembly.lineup import estimator_key
 from diagrams.assembly.source import beside
 from diagrams.errors import UserError, choose
 from diagrams.origins import Origins
+from diagrams.recordings import only_simulated
 from diagrams.scenario import load, read_yaml
 from diagrams.verification.metric import Metric
 from diagrams.verification.metrics import MetricChoice, RmseRatio
@@ -103,6 +104,7 @@ def _complete(specification: Specification, folder: Path) -> None:
     if not specification.system:
         raise UserError("system: it is missing; a name that `quietfix list` prints")
     found = find(specification.system, folder=folder)
+    only_simulated(found, "verify")
     if specification.trials > specification.trial_limit:
         raise UserError(
             f"trials: {specification.trials} is not allowed; at most trial_limit, which is {specification.trial_limit}"

@@ -171,7 +171,8 @@ class ArrivalGate(EnsembleBlock):
         rows = model.size
         self.declare_output("measurement", trials, rows, lambda c: self.cached(c, self._judged)[0], ticket)
         self.declare_output("noise_covariance", trials, rows**2, lambda c: self.cached(c, self._judged)[1], ticket)
-        self.declare_output("excluded", trials, 1, lambda c: self.cached(c, self._judged)[2], ticket)
+        left_out = [("excluded", "1")]
+        self.declare_output("excluded", trials, 1, lambda c: self.cached(c, self._judged)[2], ticket, left_out)
 
     def _judge(self, context: Context) -> tuple[Array, Array, Array]:
         measurement, noise = self.read(context, "measurement"), self._cases(context)

@@ -9,9 +9,11 @@ from typer.testing import CliRunner
 from diagrams import run_study
 from diagrams.assembly.find import RECORDINGS, find
 from diagrams.command_line import app, main
+from diagrams.epochs import from_the_end
 from diagrams.errors import UserError
 from diagrams.rerun import ask_again
 from diagrams.results import open_result
+from diagrams.state_errors import errors
 from diagrams.study import Study, join
 
 ROBUST = """
@@ -86,6 +88,7 @@ def test_a_users_estimator(recorded, tmp_path, monkeypatch):
             "estimators: ekf is not allowed for iq; nothing is estima",
         ),
         (["run", "bearings"], "FILE: it is missing; bearings takes a CSV file of your own"),
+        (["verify", "REQUIREMENTS"], "verify: locards is not allowed; it is a recording: requirements are judged over"),
         (["sweep", "doptrack", "--vary", "every_s=1:2:2"], "sweep: doptrack is not allowed; it is a recording: its"),
         (["run", "three_satellite", "--data", "x"], "--data: x is not allowed for three_satellite; it is no recording"),
         (["run", "doptrack", "--data", "a", "--data", "b"], "--data: 2 are not allowed for doptrack; one"),
@@ -96,7 +99,10 @@ def test_a_users_estimator(recorded, tmp_path, monkeypatch):
         (["run", "doptrack", "--data", "/no/such"], "/no/such/doptrack_delfic3 is not a folder; name the folder"),
     ],
 )
-def test_what_makes_no_sense_is_one_line(arguments, message, capsys):
+def test_what_makes_no_sense_is_one_line(arguments, message, capsys, tmp_path):
+    file = tmp_path / "locards.requirements.yaml"
+    file.write_text("system: locards\ntrials: 20\n")
+    arguments = [str(file) if one == "REQUIREMENTS" else one for one in arguments]
     with pytest.raises(SystemExit) as caught:
         main(arguments)
     said = capsys.readouterr().err
@@ -120,3 +126,114 @@ def test_they_are_listed_and_drawn(recorded, tmp_path):
         app, ["draw", "doptrack", "--data", str(recorded("doptrack_delfic3")), "--out", str(path)]
     )
     assert drawn.exit_code == 0 and all(word in path.read_text() for word in ("recorded", "bias_drift", "TrackTruth"))
+
+
+# ------------------------------------------------------------------------------------------------- one's own
+
+OWN = '''
+"""Ranges to two masts, recorded on two walks: a recording of one's own."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagrams import Source, System
+from diagrams.assembly.model import Assumed, Model
+from diagrams.assembly.recorded import Recorded
+from diagrams.data import data_folder
+from diagrams.parts.recorded import RecordedStream
+from systems.documented import documented, text
+from systems.estimators.start import GivenStart
+from systems.registry import estimator_options
+from systems.sensors.recorded import Recording
+
+SOURCE = Source("walks", "a phone", holds="walk_*.csv")
+
+
+@dataclass
+class Scenario:
+    estimators: dict[str, estimator_options()] = documented("estimators", factory=dict)
+    data: str = text("folder of the walks", "")
+
+
+def declare(scenario):
+    files = sorted(data_folder(SOURCE, scenario.data).glob("walk_*.csv"))
+    tables = [np.loadtxt(file, delimiter=",", ndmin=2) for file in files]
+    masts = np.array([[-50.0, 0, 0, 0, 0, 0], [50.0, 0, 0, 0, 0, 0]])
+    played = RecordedStream(
+        [Recording(table[:, 0], table[:, 1:3], masts) for table in tables], [table[:, 3:5] for table in tables]
+    )
+    motion = FlatMotion()
+
+    def assume(bus, name, options):
+        return Assumed(Ranges(), motion, GivenStart([0.0, 30.0], np.eye(2) * 100.0), Ranges().names)
+
+    return Model(
+        clock=played.clock,
+        duration=played.duration,
+        divergence=20.0,
+        parts=[played],
+        assume=assume,
+        frame="local",
+        truth_states=("x", "y"),
+        recorded=Recorded([file.stem for file in files], played.clocks, played.times),
+    )
+
+
+SYSTEM = System("walks", "two walks", Scenario, declare, {"estimators": {"iekf": {"_tag": "!Iekf"}}}, recording=SOURCE)
+'''
+
+MODELS = """
+from systems.measurement.base import MeasurementModel
+from systems.motion.stationary import Stationary
+
+
+def FlatMotion():
+    return Stationary(2)
+
+
+class Ranges(MeasurementModel):
+    names, units, sigmas = ("range_0", "range_1"), ("m", "m"), (1.0, 1.0)
+
+    def predict(self, target, platforms):
+        return np.linalg.norm(target[..., None, :2] - platforms[..., :2], axis=-1)
+
+    def jacobian(self, target, platforms):
+        offset = target[..., None, :2] - platforms[..., :2]
+        return offset / np.linalg.norm(offset, axis=-1, keepdims=True)
+
+    def noise_covariance(self):
+        return np.eye(2)
+"""
+
+
+def test_a_recording_of_ones_own(tmp_path, capsys):
+    """Two files of unequal length are two tracks, located to within the ranges' noise, and compared at their ends."""
+    (tmp_path / "mine.py").write_text(OWN.replace("SOURCE = ", f"{MODELS}\n\nSOURCE = ", 1))
+    rng = np.random.default_rng(2)
+    masts = np.array([[-50.0, 0], [50.0, 0]])
+    for k, count in enumerate((12, 5)):
+        place = np.array([5.0 * k, 40.0])
+        ranges = np.linalg.norm(place - masts, axis=-1) + rng.normal(0, 1.0, (count, 2))
+        table = np.column_stack([10.0 * k + np.arange(count), ranges, np.tile(place, (count, 1))])
+        np.savetxt(tmp_path / f"walk_{k}.csv", table, delimiter=",")
+    reference = f"{tmp_path / 'mine.py'}:SYSTEM"
+    result = run_study(reference, estimators=["iekf", "ukf"], set={"data": str(tmp_path)})
+    assert list(result["track"].values) == ["walk_0", "walk_1"] and result.sizes["epoch"] == 12
+    np.testing.assert_array_equal(result["time"].values[1, :5], 10.0 + np.arange(5))
+    error = errors(from_the_end(result))["position"].values[..., -1]
+    # 5 ranges of 1 m to masts at right angles: 0.6 m; four sigmas
+    assert (error < 2.5).all() and (error > 0).all()
+    with pytest.raises(SystemExit) as stop:
+        main(["compare", reference, "--data", str(tmp_path), "--estimator", "iekf", "--estimator", "ekf"])
+    assert stop.value.code == 0 and "the end of each track" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("name", ["doptrack", "kiwisdr"])
+def test_nobody_reads_the_truth(name, recorded):
+    """Nothing of the diagram is connected to where the target is said to be."""
+    system = find(name).system
+    study = Study(name, set={"data": recorded(system.recording.folder)})
+    truth = study.probe.truth.get_system()
+    sources = [source for source, _ in study.picture.connection_map().values()]
+    assert truth not in sources and len(sources) >= 6
