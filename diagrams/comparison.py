@@ -56,7 +56,8 @@ def comparison_statistics(
     -------
     dict
         Numbers as ``{"value", "low", "high"}`` where they have an interval, None where undefined or not finite.
-        ``estimators.NAME``: ``rmse_position_m`` (at the time), ``armse_position_m`` (mean over time of the RMSE),
+        ``time_s``: None where they are taken at the end of each track of a recording. ``estimators.NAME``:
+        ``rmse_position_m`` (at the time), ``armse_position_m`` (mean over time of the RMSE),
         ``median_position_m``, ``bound_position_m``, ``efficiency`` (RMSE over bound) and whether it ``is`` one
         (``efficiency_means_something``: the truth moves as the filter believes), ``nees_per_state`` with
         ``nees_band`` and ``nees_verdict``, ``diverged``, ``not_started`` (in no RMSE; in ``best``

@@ -33,7 +33,7 @@ def list_systems(chosen: Sequence[str] | None = None) -> None:
 def _lines(name: str) -> list[str]:
     found = find(name)
     own = found.system.load().estimators
-    lines = [f"{found.reference}: {found.system.title}", f"  estimators: {', '.join(own)}"]
+    lines = [f"{found.reference}: {found.system.title}", f"  estimators: {', '.join(own) or 'none'}"]
     for variant in sorted(found.system.variants):
         extra = found.system.load(variant).estimators.keys() - own.keys()
         added = f" (and estimators {', '.join(sorted(extra))})" if extra else ""

@@ -100,17 +100,15 @@ def test_the_bad_pass_does_not_move_the_answer(passes, found):
     assert moved["bias_drift"] < 500.0 and moved["bias_drift_rate"] < 500.0
 
 
-def test_a_few_passes_are_replayed_from_the_command(recorded, tmp_path, monkeypatch, capsys):
+def test_a_few_passes_are_replayed_from_the_command(recorded, monkeypatch, capsys):
     import diagrams.doptrack as doptrack
 
     folder = recorded("doptrack_delfic3")
     monkeypatch.setattr(doptrack, "read_passes", lambda path: read_passes(path)[4:10])
-    result = replay("doptrack", data=folder, out=tmp_path / "out", progress=False)
+    result = replay("doptrack", data=folder, progress=False)
     summary = result.summary()
     assert set(summary["estimators"]) == set(ORDERS)
     assert summary["estimators"]["bias_drift"]["horizontal_error_m"] < 50e3  # from 200 km, four passes
-    assert (tmp_path / "out" / "station_error.png").stat().st_size > 1000
-    assert (tmp_path / "out" / "summary.json").is_file()
     check_fits(result.table())
     assert "bias_drift" in capsys.readouterr().out
     assert abs(ecef_to_geodetic(result.estimates["bias_drift"][-1])[2] - 95.0) < 3e3

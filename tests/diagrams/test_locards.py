@@ -9,6 +9,7 @@ import shutil
 import numpy as np
 import pytest
 
+from diagrams import runs
 from diagrams.data import data_folder
 from diagrams.epochs import from_the_end
 from diagrams.errors import UserError
@@ -20,7 +21,9 @@ from diagrams.locards_sigma import residual_sigma
 from diagrams.marker import MARKER
 from diagrams.metrics import summarise
 from diagrams.replay import replay
+from diagrams.results import open_result
 from diagrams.state_errors import errors
+from diagrams.store import append
 from diagrams.study import Study, join
 from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.arrival_gate import KEPT
@@ -219,6 +222,19 @@ def test_a_track_does_not_depend_on_which_ran_before(simulated):
         alone = join(list(study.chunks(first=trial, count=1)))
         for name in ("estimate", "nis", "nees"):
             np.testing.assert_array_equal(alone[name].values[:, 0], together[name].values[:, trial])
+
+
+def test_chunks_of_tracks_can_be_stored_one_behind_the_other(simulated, tmp_path, monkeypatch):
+    [data] = read_sets(simulated)
+    whole = join(list(study_of(data.tracks, Settings()).chunks()))
+    monkeypatch.setattr(runs, "_TOGETHER", 1)
+    chunks = list(study_of(data.tracks, Settings()).chunks())
+    assert len(chunks) == 3
+    for i, chunk in enumerate(chunks):
+        append(tmp_path / "results.zarr", chunk, "trial", i == 0)
+    stored = open_result(tmp_path / "results.zarr")
+    for name in ("estimate", "time", "track", "excluded_iekf"):
+        np.testing.assert_array_equal(stored[name].values, whole[name].values)
 
 
 def test_tracks_of_unequal_length(simulated):

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 from diagrams import run_study
 from diagrams.assembly.find import RECORDINGS, find
 from diagrams.command_line import app, main
+from diagrams.compare import compare
 from diagrams.epochs import from_the_end
 from diagrams.errors import UserError
 from diagrams.rerun import ask_again
@@ -237,3 +238,18 @@ def test_nobody_reads_the_truth(name, recorded):
     truth = study.probe.truth.get_system()
     sources = [source for source, _ in study.picture.connection_map().values()]
     assert truth not in sources and len(sources) >= 6
+
+
+def test_one_track_has_no_interval(recorded):
+    """Of one trial nobody knows how far chance moves an error: numbers without intervals, and nobody is the best."""
+    settings = [f"data={recorded('doptrack_delfic3')}", "every_s=200"]
+    found = compare("doptrack", estimators=["iekf", "ukf"], set=settings)
+    rows = found["estimators"]
+    for row in rows.values():
+        assert row["rmse_position_m"]["value"] > 0 and row["rmse_position_m"]["low"] is None
+        assert row["rmse_position_m"]["high"] is None and row["diverged"] == 0
+    best = found["best"]["rmse_position_m"]
+    assert best["name"] == min(rows, key=lambda name: rows[name]["rmse_position_m"]["value"])
+    assert not best["significant"] and found["trials"] == 1
+    with pytest.raises(UserError, match=r"at: 1e.08 is not allowed; doptrack runs from 0 to"):
+        compare("doptrack", estimators=["iekf", "ukf"], set=settings, at=1e8)
