@@ -10,9 +10,11 @@ from systems.documented import documented, number, text
 __all__ = [
     "Fixed",
     "Geodetic",
+    "Gpx",
     "GreatCircle",
     "Kepler",
     "Mover",
+    "Oem",
     "Offset",
     "PositionVelocity",
     "RandomMotion",
@@ -114,6 +116,40 @@ class Sp3:
 
 
 @dataclass
+class Oem:
+    """A satellite by a CCSDS Orbit Ephemeris Message (KVN).
+
+    Its axes are Earth-fixed (ITRF of any year, WGS84, EFG), EME2000 (J2000), GCRF, ICRF or TEME. All but the first are
+    turned by precession, nutation and sidereal time, without the motion of the pole: within 20 m in a low orbit, and
+    0.5 m more for every millisecond of UT1 that is not said. No segment is interpolated into the next one.
+    """
+
+    file: str = text("path, relative to the scenario's file")
+    start_s: float | None = number(
+        "t = 0 is so long after the file's first (useable) epoch [s]; null: at start_utc, or at that epoch without one",
+        None,
+        at_least=0,
+    )
+    ut1_minus_utc_s: float = number(
+        "of the day (IERS Bulletin A); Earth-fixed axes need none [s]", 0.0, at_least=-1, at_most=1
+    )
+
+
+@dataclass
+class Gpx:
+    """A recorded track of a GPX file.
+
+    Its heights are above the geoid, as receivers write them: the file's own geoidheight is added, or geoid_m. Between
+    the points it is a cubic Hermite spline; between two segments is a gap.
+    """
+
+    file: str = text("path, relative to the scenario's file")
+    track: str = text("its name; empty: the only one in the file")
+    geoid_m: float = number("height of the geoid above the ellipsoid, where the file does not say it [m]", 0.0)
+    height_m: float | None = number("height above the ellipsoid instead of the file's [m]", None)
+
+
+@dataclass
 class Track:
     """A recorded track: a CSV file whose first line names the columns.
 
@@ -152,6 +188,8 @@ Mover = (
     | Offset
     | Tle
     | Sp3
+    | Oem
+    | Gpx
     | Track
     | Rocket
 )

@@ -18,9 +18,11 @@ from diagrams.own.flight import rocket_path
 from diagrams.own.movers import (
     Fixed,
     Geodetic,
+    Gpx,
     GreatCircle,
     Kepler,
     Mover,
+    Oem,
     Offset,
     PositionVelocity,
     Rocket,
@@ -32,6 +34,8 @@ from diagrams.own.movers import (
     Waypoints,
 )
 from diagrams.own.records import Setting, sp3_path, tle_path, track_path
+from diagrams.paths.ephemerides import oem_path
+from diagrams.paths.receivers import gpx_path
 from systems.frames import earth_fixed_to_inertial, inertial_to_earth_fixed
 from systems.geodetic import geodetic_state
 from systems.motion.gravity import GravityConstants
@@ -48,7 +52,8 @@ Path = Callable[[float], Array]
 _KM = 1e3
 _INSIDE = 6.3e6  # m from the Earth's centre, 57 km below the poles
 
-_EARTH = (Geodetic, StraightLine, GreatCircle, Waypoints, Rocket, Kepler, PositionVelocity, Offset, Tle, Sp3, Track)
+_ON_EARTH = (Geodetic, StraightLine, GreatCircle, Waypoints, Rocket, Kepler, PositionVelocity, Offset, Tle, Sp3)
+_EARTH = (*_ON_EARTH, Oem, Gpx, Track)
 
 ALLOWED: dict[str, tuple[type, ...]] = {
     "local": (Fixed, Straight, Waypoints, Track),
@@ -166,6 +171,10 @@ def _native(
         return tle_path(mover, setting, where), INERTIAL
     if isinstance(mover, Sp3):
         return sp3_path(mover, setting, constants.earth_rate, where), INERTIAL
+    if isinstance(mover, Oem):
+        return oem_path(mover, setting, constants.earth_rate, where), INERTIAL
+    if isinstance(mover, Gpx):
+        return gpx_path(mover, setting, where), EARTH_FIXED
     if isinstance(mover, Track):
         return track_path(mover, setting, frame, where)
     if isinstance(mover, Rocket):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path as FilePath
@@ -26,7 +27,17 @@ from systems.plants.recorded import RecordedTruth, hermite
 from systems.plants.sp3 import PreciseOrbit, read_sp3
 from systems.plants.sp3_records import in_utc
 
-__all__ = ["Setting", "old_elements", "sp3_path", "tle_path", "track_path"]
+__all__ = [
+    "Setting",
+    "file_of",
+    "of_field",
+    "old_elements",
+    "recorded_path",
+    "sp3_path",
+    "stamp_of",
+    "tle_path",
+    "track_path",
+]
 
 Array = NDArray[np.float64]
 Path = Callable[[float], Array]
@@ -175,10 +186,9 @@ def sp3_path(field: Sp3, setting: Setting, earth_rate: float, where: str) -> Pat
     UserError
         If the file cannot be read, or does not cover the run.
     """
-    path = _file(field.file, setting, where)
+    path = file_of(field.file, setting, where)
     try:
-        size = regular_size(path)
-        orbit = _orbit(path, field.satellite, (path.stat().st_mtime_ns, size))
+        orbit = _orbit(path, field.satellite, stamp_of(path, where))
         start = _sp3_start(field, orbit, setting)
         if start < 0 or orbit.times[-1] < start + setting.duration:
             raise ValueError(
@@ -189,7 +199,9 @@ def sp3_path(field: Sp3, setting: Setting, earth_rate: float, where: str) -> Pat
         before = float(orbit.times[int(np.searchsorted(orbit.times, start, side="right")) - 1])
         times, states = orbit.inertial(before, earth_rate)
     except Unreadable as error:
-        raise UserError(f"{where}.file: {shown(path)} cannot be read ({error.reason})") from error
+        raise _unreadable(path, where, error) from error
+    except UserError:
+        raise
     except ValueError as error:
         raise UserError(f"{where}.file: {error}") from error
     # Its axes are Earth-fixed at that sample; ours are at the start.
@@ -214,7 +226,43 @@ def _sp3_start(field: Sp3, orbit: PreciseOrbit, setting: Setting) -> float:
     return began[0] - whole + (began[1] - rest)
 
 
-def _file(name: str, setting: Setting, where: str) -> FilePath:
+def stamp_of(path: FilePath, where: str) -> tuple[int, int]:
+    """Return time and size of a regular file: they tell another version of it.
+
+    Raises
+    ------
+    UserError
+        If there is none.
+    """
+    try:
+        size = regular_size(path)
+    except Unreadable as error:
+        raise _unreadable(path, where, error) from error
+    return path.stat().st_mtime_ns, size
+
+
+@contextmanager
+def of_field(where: str) -> Iterator[None]:
+    """Name the field whose file a reader refuses."""
+    try:
+        yield
+    except UserError as error:
+        message = str(error)
+        raise (error if message.startswith(where) else UserError(f"{where}.file: {message}")) from error.__cause__
+
+
+def _unreadable(path: FilePath, where: str, error: Unreadable) -> UserError:
+    return UserError(f"{where}.file: {shown(path)} cannot be read ({error.reason})")
+
+
+def file_of(name: str, setting: Setting, where: str) -> FilePath:
+    """Return the path of a file that a field names.
+
+    Raises
+    ------
+    UserError
+        If it names none.
+    """
     if not name:
         raise UserError(f"{where}.file: none is given; the path of a file")
     return setting.folder / name
@@ -237,7 +285,7 @@ def track_path(field: Track, setting: Setting, frame: Frame, where: str) -> tupl
     UserError
         If the file cannot be read, says something else than a track, or does not cover the run.
     """
-    path = _file(field.file, setting, where)
+    path = file_of(field.file, setting, where)
     where = f"{where}.file: {path.name}"
     names, table, clock = _table(path, where)
     geodetic = "latitude_deg" in names
@@ -253,15 +301,37 @@ def track_path(field: Track, setting: Setting, frame: Frame, where: str) -> tupl
     else:
         told = (*_PLACES[0], *_VELOCITY) if _VELOCITY[0] in names else _PLACES[0]
         states = np.stack([columns[name] for name in told], axis=1)
+    return recorded_path(times, states, setting, where), EARTH_FIXED if geodetic else None
+
+
+def recorded_path(times: Array, states: Array, setting: Setting, what: str) -> Path:
+    """Return a spline through recorded samples as a function of time.
+
+    Parameters
+    ----------
+    times : ndarray, shape (samples,)
+        Since t = 0 [s].
+    states : ndarray, shape (samples, 3) or (samples, 6)
+        See `RecordedTruth`; a NaN is a gap.
+    setting : Setting
+        Of the run, which they must cover.
+    what : str
+        Field and file, for messages.
+
+    Raises
+    ------
+    UserError
+        For times that do not increase, a record that does not cover the run, and a gap in it.
+    """
     try:
         truth = RecordedTruth(times, states, name="track")
     except ValueError as error:
-        raise UserError(f"{where}: {error}") from error
+        raise UserError(f"{what}: {error}") from error
     if times[0] > 0 or times[-1] < setting.duration:
         raise UserError(
-            f"{where}: a run from 0 to {setting.duration:g} s is not allowed; it has {times[0]:g} to {times[-1]:g} s"
+            f"{what}: a run from 0 to {setting.duration:g} s is not allowed; it has {times[0]:g} to {times[-1]:g} s"
         )
-    return _spline(truth.times, truth.states[:, 0], setting, where), EARTH_FIXED if geodetic else None
+    return _spline(truth.times, truth.states[:, 0], setting, what)
 
 
 def _times(clock: list[str] | None, names: list[str], table: Array, setting: Setting, where: str) -> Array:
