@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import cached_property
@@ -326,6 +327,8 @@ class Study:
                 chunk = self._shape.dataset(times, signals, begin, size).assign_attrs(self.attributes())
                 if recorded is not None and recorded.clocks:
                     chunk = chunk.assign_coords(track=("trial", np.array(recorded.tracks)[begin : begin + size]))
+                if done == size:
+                    self._say_unmeasured(wired, present)
                 rows = np.broadcast_to(present.sum(axis=-1).max(axis=-1), size)
                 chunk = chunk.assign_coords(measured_rows=("trial", rows, {"rows": present.shape[-1]}))
                 if done == trials and bounds is not None:
@@ -335,6 +338,14 @@ class Study:
                 del signals, path, present, rows
                 yield described(chunk)
                 del chunk
+
+    def _say_unmeasured(self, wired: Assembly, present: NDArray[np.bool_]) -> None:
+        """Say of a user's system which rows are not in the measurements of the first chunk (trials, time, rows)."""
+        stream = wired.stream or next((list(e.wiring.stream) for e in wired.estimators.values()), [])
+        seen: Any = np.any(present, axis=(0, 1))
+        never = [row for row, once in zip(stream, seen, strict=False) if not once]
+        if never and self.found.source != "packaged":
+            warnings.warn(f"{', '.join(never)}: never measured in this run (NaN at all epochs)", stacklevel=1)
 
     def _run(
         self, simulator: Simulator, running: _Running, together: Sequence[Run], bar: Progress

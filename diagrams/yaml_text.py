@@ -72,7 +72,7 @@ def _not_valid(text: str, error: Exception) -> BadYaml:
     rows = text.splitlines()
     if mark.line < len(rows) and "\t" in rows[mark.line][: mark.column + 1]:
         reason += "; a tab, where there must be spaces"
-    return BadYaml(f"is not valid YAML ({reason})", mark.line + 1)
+    return BadYaml(f"is not valid YAML ({reason})", min(mark.line + 1, max(len(rows), 1)))  # the end is no line
 
 
 def lines_of(text: str) -> dict[str, int]:

@@ -9,6 +9,7 @@ from typing import Any
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from diagrams.assembly.bus import Bus
+from diagrams.assembly.checks import check_assumed
 from diagrams.assembly.model import Assumed, Model
 from diagrams.errors import UserError
 from systems.clocks import Clock
@@ -202,6 +203,9 @@ def build(model: Model, builder: DiagramBuilder, options: Mapping[str, Any], tri
     bus = Bus(builder, trials)
     for part in model.parts:
         part(bus)
+    if model.recorded is None and "truth" not in bus:
+        raise ValueError("signal: truth is not there; a part must publish it")
+    _check_signals(model, bus)
     if "known" not in bus and "platforms" in bus:
         bus.publish(known=bus["platforms"])
     blocks = {name: _estimator(model, bus, name, option) for name, option in options.items()}
@@ -210,12 +214,26 @@ def build(model: Model, builder: DiagramBuilder, options: Mapping[str, Any], tri
     return Assembly(model, bus, blocks, bus.close())
 
 
+def _check_signals(model: Model, bus: Bus) -> None:
+    """Refuse signals of a size that cannot be."""
+    for signal in ("platforms", "known"):
+        size = bus.shape(signal)[1] if signal in bus else 0
+        if size % 6:
+            raise ValueError(f"signal: {signal} of {size} numbers is not allowed; six for each platform")
+    sensed = "raw" if "raw" in bus else "measurement"
+    if model.rows is not None and sensed in bus and len(model.rows) != bus.shape(sensed)[1]:
+        raise ValueError(f"Model.rows: {list(model.rows)} is not allowed; as many names as {sensed} has rows")
+
+
 def _estimator(model: Model, bus: Bus, name: str, options: Any) -> Estimator:
     if bus.builder.HasSubsystemNamed(name):
         raise UserError(f"estimators: the name {name} is not allowed; another block of the diagram has it")
     assumed: Assumed = model.assume(bus, name, options)
+    if not isinstance(assumed, Assumed):
+        raise ValueError(f"{name}: assume returned {type(assumed).__name__}; diagrams.assembly.model.Assumed is needed")
     takes = {"platforms": "known", **assumed.takes}
     carriers = bus.shape(takes["platforms"])
+    check_assumed(name, assumed, carriers[1] // 6)
     wiring = Wiring(
         bus.trials,
         list(assumed.rows),

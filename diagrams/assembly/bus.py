@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeVar
 
-from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, OutputPort, PortDataType
+from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, OutputPort, PortDataType, System
 
 from systems.signals import EnsembleBlock
 
@@ -92,6 +92,8 @@ class Bus:
         ValueError
             If a signal is not there, or does not have the size of the port, or a block has the name of another.
         """
+        if not isinstance(block, System):
+            raise ValueError(f"block: {type(block).__name__} is not allowed; a Drake system is needed")
         if self.builder.HasSubsystemNamed(block.get_name()):
             raise ValueError(f"block: the name {block.get_name()} is not allowed; another block of the diagram has it")
         takes, feedback = takes or {}, feedback or {}

@@ -155,7 +155,9 @@ def import_module(name: str) -> ModuleType:
 
 def _blame_import(shown: str, error: BaseException) -> None:
     if not isinstance(error, KeyboardInterrupt | MemoryError):
-        raise UserError(f"system: {shown} cannot be imported: {in_one_line(error)}{line_of(error)}") from error
+        words, line = in_one_line(error), line_of(error)
+        # a syntax error says it by itself
+        raise UserError(f"system: {shown} cannot be imported: {words.removesuffix(line)}{line}") from error
 
 
 # ------------------------------------------------------------------------------------------- naming who failed

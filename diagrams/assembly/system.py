@@ -14,12 +14,13 @@ from typing import Any
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from diagrams.assembly.build import Assembly, build
+from diagrams.assembly.checks import check_model
 from diagrams.assembly.lineup import check_names, refuse_classes, select_estimators
 from diagrams.assembly.model import Model
 from diagrams.data import Source
 from diagrams.errors import UserError, choose, texts
 from diagrams.origins import Origins
-from diagrams.scenario import apply_setting, check_object, dump, load, merge, read_yaml
+from diagrams.scenario import apply_setting, check, check_object, dump, load, merge, read_yaml
 from systems.clocks import Periodic
 from systems.counting import tally
 
@@ -194,7 +195,16 @@ class System:
         data = _values(self.base)
         # Written out, so that one changed option of an estimator leaves the others of the defaults there; a file is
         # whole by itself.
-        return data if isinstance(self.base, Path) else read_yaml(dump(load(self.scenario, [data]), comments=False))
+        if isinstance(self.base, Path):
+            return data
+        try:
+            written = read_yaml(dump(load(self.scenario, [data]), comments=False))
+            check(self.scenario, written)  # defaults, too
+            return written
+        except UserError as error:
+            if self.file is not None:  # it says where by itself
+                raise
+            raise UserError(f"System {self.name}: {self.scenario.__qualname__}: {error}") from error
 
     # ---- the diagram
 
@@ -210,6 +220,7 @@ class System:
         model = self.declare(scenario)
         if not isinstance(model, Model):
             raise ValueError(f"declare: it returned {type(model).__name__}; diagrams.assembly.model.Model is needed")
+        check_model(model)
         if isinstance(model.clock, Periodic) and not model.duration <= _MOST_EPOCHS * model.clock.period:
             raise ValueError(
                 f"duration: {model.duration:g} is not allowed; at most {_MOST_EPOCHS} epochs of "
@@ -309,6 +320,8 @@ def _check_epochs(scenario: Any) -> None:
     end = "stop_s" if hasattr(scenario, "stop_s") else "duration_s"
     if not hasattr(scenario, "period_s") or not hasattr(scenario, end):
         return
+    if not scenario.period_s > 0:
+        raise UserError(f"period_s: {scenario.period_s:g} is not allowed; a finite number > 0")
     longest = _MOST_EPOCHS * scenario.period_s + getattr(scenario, "start_s", 0.0)
     if getattr(scenario, end) > longest:
         raise UserError(

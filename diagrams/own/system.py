@@ -37,6 +37,7 @@ from diagrams.scenario import read_yaml
 from systems.clocks import Clock, Merged
 from systems.estimators.options import EstimatorOptions
 from systems.integration import LONGEST_STEP
+from systems.measurement.custom import CustomMeasurement
 from systems.motion.base import MotionModel
 from systems.motion.custom import CustomMotion
 from systems.plants.path import Path as PathBlock
@@ -62,6 +63,22 @@ def _check_seen(scenario: OwnScenario, sensors: Sequence[PlacedSensor], target: 
                 f"sensors.{one.name}.minimum_elevation_deg: {one.field.minimum_elevation_deg:g} is not allowed; no "
                 "platform ever sees the target"
             )
+
+
+def _check_own(
+    scenario: OwnScenario, motion: MotionModel, sensors: Sequence[PlacedSensor], target: Path | None, platforms: Path
+) -> None:
+    """Ask a user's own models once, at the first measurement of each; of sensors only where a target is told."""
+    if isinstance(motion, CustomMotion):
+        motion.check(np.stack([np.zeros(6) if target is None else target(0.0)] * 2), scenario.period_s)
+    if target is None:
+        return
+    for kind in [kind for one in sensors for kind in one.kinds]:
+        time = kind.timed.offset_s
+        state = target(time) if scenario.oscillator is None else np.append(target(time), 0.0)
+        for model in {id(model): model for model in (kind.real, kind.believed)}.values():
+            if isinstance(model, CustomMeasurement):
+                model.check(np.stack([state] * 2), np.stack([platforms(time).reshape(-1, 6)] * 2))
 
 
 def places_of(scenario: OwnScenario) -> Places:
@@ -94,8 +111,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
 
     platforms = Platforms(lambda: PathBlock(carriers, "carriers", 6 * len(paths)))
     path = _target_path(scenario, setting, platforms)
-    if isinstance(flight, CustomMotion):
-        flight.check(np.stack([np.zeros(6) if path is None else path(0.0)] * 2), scenario.period_s)
+    _check_own(scenario, flight, sensors, path, carriers)
     kinds = [kind for one in sensors for kind in one.kinds]
     resolvers = phase_resolvers(scenario, kinds, motion.size)
     fed = None if table is None else measured(scenario, setting, table, kinds, places_of(scenario), path)

@@ -41,6 +41,8 @@ class TargetSensor:
     def __call__(self, bus: Bus) -> None:
         """See `diagrams.assembly.model.Part`."""
         (target_trials, size), (platform_trials, numbers) = bus.shape("target"), bus.shape("platforms")
+        if numbers % 6:
+            raise ValueError(f"signal: platforms of {numbers} numbers is not allowed; six for each platform")
         sensor = Sensor(
             self.model,
             self.clock,

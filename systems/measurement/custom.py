@@ -72,6 +72,20 @@ class CustomMeasurement(MeasurementModel):
         lead = target.shape[:-1]
         return [np.broadcast_shapes(lead, seen.shape[:-2]), lead]
 
+    def check(self, target: Array, platforms: Array) -> None:
+        """Ask everything once, of states (..., n) and (..., p, 6): what it gives there must be finite.
+
+        Raises
+        ------
+        Exception
+            Of the kind `refused`, naming class and method.
+        """
+        answers = {"predict": self.predict(target, platforms), "jacobian": self.jacobian(target, platforms)}
+        for what, value in answers.items():
+            if not np.isfinite(value).all():
+                begin = target.reshape(-1, target.shape[-1])[0].tolist()
+                raise self._checked.wrong(what, f"a number that is not finite, for a target at {begin}")
+
     # ---- the model
 
     def _values(self, target: Array, seen: Array) -> Array:

@@ -389,7 +389,7 @@ BREAKS = {
     "wrong shape": (
         "axis=-1)\n\n    def jacobian",
         "axis=-1)[..., :2]\n\n    def jacobian",
-        "operands could not be broadcast",
+        "Ranges.predict: an array of shape (3, 2) is not allowed",
         None,
     ),
     "names": ('names = ("range_0", ', "names = (", "mine.py:DRONE", None),

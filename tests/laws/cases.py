@@ -44,6 +44,7 @@ from systems.motion.azimuth_rate import AzimuthRate
 from systems.motion.base import MotionModel
 from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
 from systems.motion.current_statistical import CurrentStatistical
+from systems.motion.custom import CustomMotion
 from systems.motion.gauss_markov import GaussMarkov
 from systems.motion.gravity import GravityConstants
 from systems.motion.kepler import KeplerElements, mean_motion, state_of
@@ -337,6 +338,8 @@ MOTIONS = {
     "stationary, random walk": (Stationary(3, 4.0), np.array([[1e4, 5e4, 1e2]])),
     "azimuth rate": (AzimuthRate(3e-9), np.array([[1.3, 0.003], [4.0, -0.01]])),
     "fading error": (GaussMarkov(100.0, 30.0), np.array([[120.0, -80.0], [10.0, 3.0]])),
+    "custom": (CustomMotion(OrbitalMotion(density=1e-6)), _between_satellites().targets),
+    "custom, by differences": (CustomMotion(OrbitalMotion(), has_transition=False), _between_satellites().targets),
     "turning": (Turning(), np.array([[10.0, 20.0, 0.3, 0.01], [-5e3, 1e3, -2.0, 0.05]])),
 }
 """Every motion model: model and example states (k, n)."""
