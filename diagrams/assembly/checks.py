@@ -34,13 +34,13 @@ def check_model(model: Model) -> None:
     ValueError
         Naming the field, its value and what is allowed.
     """
-    for name, positive in (("duration", True), ("divergence", True), ("step", True), ("convergence", False)):
+    for name, least in (("duration", ">"), ("divergence", ">="), ("step", ">"), ("convergence", ">")):
         value = getattr(model, name)
-        if value is None and not positive:
+        if value is None and name == "convergence":
             continue
         number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-        if not number or not math.isfinite(value) or value <= 0:
-            raise ValueError(f"Model.{name}: {value!r:.80} is not allowed; a finite number > 0")
+        if not number or not math.isfinite(value) or value < 0 or (value == 0 and least == ">"):
+            raise ValueError(f"Model.{name}: {value!r:.80} is not allowed; a finite number {least} 0")
     if not all(hasattr(model.clock, method) for method in ("declare", "index", "ticks")):
         raise ValueError(f"Model.clock: {model.clock!r:.80} is not allowed; a clock such as Periodic(1.0)")
     if isinstance(model.parts, str) or not isinstance(model.parts, Sequence):
