@@ -8,11 +8,11 @@ from typing import Any
 __all__ = ["Source", "System", "find", "load_scenario", "run_study", "systems"]
 
 _WHERE = {
-    "Source": "diagrams.data",
+    "Source": "diagrams.readers.data",
     "System": "diagrams.assembly.system",
     "find": "diagrams.assembly.find",
-    "load_scenario": "diagrams.catalogue",
-    "run_study": "diagrams.study",
+    "load_scenario": "diagrams.commands.catalogue",
+    "run_study": "diagrams.studies.study",
     "systems": "diagrams.assembly.find",
 }
 

@@ -1,5 +1,5 @@
 """``python -m diagrams`` is ``quietfix``."""
 
-from diagrams.command_line import main
+from diagrams.commands.command_line import main
 
 main()

@@ -13,22 +13,22 @@ from typing import Any
 __all__ = ["ESTIMATORS", "blamed", "estimator_options", "in_one_line", "lines_of", "object_at"]
 
 ESTIMATORS: dict[str, str] = {
-    "iekf": "systems.estimators.iekf:Iekf",
-    "ekf": "systems.estimators.ekf:Ekf",
-    "ukf": "systems.estimators.ukf:Ukf",
-    "pf": "systems.estimators.pf:Pf",
-    "pf_sir": "systems.estimators.pf_sir:PfSir",
-    "iekf_hypotheses": "systems.estimators.iekf_hypotheses:IekfHypotheses",
-    "mgekf": "systems.estimators.mgekf:Mgekf",
-    "range_bank": "systems.estimators.range_bank:RangeBank",
-    "crossing": "systems.estimators.crossing:Crossing",
-    "ml": "systems.estimators.ml:Ml",
-    "ukf_unaugmented": "systems.estimators.beacon:UkfUnaugmented",
-    "ukf_monitored": "systems.estimators.beacon:UkfMonitored",
-    "ra": "systems.estimators.range_decomposed:Ra",
-    "ra_paper": "systems.estimators.range_decomposed:RaPaper",
-    "bank": "systems.estimators.bank:Bank",
-    "custom": "systems.estimators.custom:Custom",
+    "iekf": "systems.options.iekf:Iekf",
+    "ekf": "systems.options.ekf:Ekf",
+    "ukf": "systems.options.ukf:Ukf",
+    "pf": "systems.options.pf:Pf",
+    "pf_sir": "systems.options.pf_sir:PfSir",
+    "iekf_hypotheses": "systems.options.iekf_hypotheses:IekfHypotheses",
+    "mgekf": "systems.options.mgekf:Mgekf",
+    "range_bank": "systems.options.range_bank:RangeBank",
+    "crossing": "systems.options.crossing:Crossing",
+    "ml": "systems.options.ml:Ml",
+    "ukf_unaugmented": "systems.options.beacon:UkfUnaugmented",
+    "ukf_monitored": "systems.options.beacon:UkfMonitored",
+    "ra": "systems.options.range_decomposed:Ra",
+    "ra_paper": "systems.options.range_decomposed:RaPaper",
+    "bank": "systems.options.bank:Bank",
+    "custom": "systems.options.custom:Custom",
 }
 """Options class of each estimator, as ``module:Class``."""
 

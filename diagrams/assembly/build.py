@@ -11,7 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.checks import check_assumed
 from diagrams.assembly.model import Assumed, Model
-from diagrams.errors import UserError
+from diagrams.schema.errors import UserError
 from systems.clocks import Clock
 from systems.counting import tally
 from systems.estimators.base import Estimator

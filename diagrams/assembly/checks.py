@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.assembly.model import Assumed, Model
-from systems.estimators.start import Start
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
+from systems.starts.start import Start
 
 __all__ = ["check_assumed", "check_measurement", "check_model", "check_motion"]
 

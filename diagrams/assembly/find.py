@@ -18,28 +18,28 @@ from typing import Any
 from diagrams.assembly.model import Model
 from diagrams.assembly.source import blaming, import_file, import_module
 from diagrams.assembly.system import System
-from diagrams.errors import UserError, choose, in_users_words, shown
-from diagrams.origins import origins_of
+from diagrams.schema.errors import UserError, choose, in_users_words, shown
+from diagrams.schema.origins import origins_of
 from systems.files import Unreadable, read_bytes
 from systems.registry import in_one_line, object_at
 
 __all__ = ["FORMS", "GROUP", "PACKAGED", "RECORDINGS", "Found", "find", "fingerprint_of", "read_own", "systems"]
 
 PACKAGED: dict[str, str] = {
-    "three_satellite": "diagrams.three_satellite:SYSTEM",
-    "bearing_crossing": "diagrams.bearing_crossing:SYSTEM",
-    "beacon_rocket": "diagrams.beacon_rocket:SYSTEM",
-    "satellite_ranging": "diagrams.satellite_ranging:SYSTEM",
-    "dual_satellite": "diagrams.dual_satellite:SYSTEM",
+    "three_satellite": "diagrams.library.three_satellite:SYSTEM",
+    "bearing_crossing": "diagrams.library.bearing_crossing:SYSTEM",
+    "beacon_rocket": "diagrams.library.beacon_rocket:SYSTEM",
+    "satellite_ranging": "diagrams.library.satellite_ranging:SYSTEM",
+    "dual_satellite": "diagrams.library.dual_satellite:SYSTEM",
 }
 """Where each system that comes with Quietfix is, as ``module:NAME``; a new one is one line here."""
 
 RECORDINGS: dict[str, str] = {
-    "locards": "diagrams.locards:SYSTEM",
-    "doptrack": "diagrams.doptrack:SYSTEM",
-    "kiwisdr": "diagrams.kiwisdr:SYSTEM",
-    "bearings": "diagrams.bearings:SYSTEM",
-    "iq": "diagrams.iq:SYSTEM",
+    "locards": "diagrams.recorded.locards:SYSTEM",
+    "doptrack": "diagrams.recorded.doptrack:SYSTEM",
+    "kiwisdr": "diagrams.recorded.kiwisdr:SYSTEM",
+    "bearings": "diagrams.recorded.bearings:SYSTEM",
+    "iq": "diagrams.recorded.iq:SYSTEM",
 }
 """Where each recording is; likewise."""
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from diagrams.errors import UserError, choose, texts
+from diagrams.schema.errors import UserError, choose, texts
 from systems.registry import ESTIMATORS, object_at
 
 __all__ = ["check_names", "estimator_key", "parts_of", "refuse_classes", "select_estimators"]

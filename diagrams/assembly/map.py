@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.frame import EARTH_FIXED, Frame
+from diagrams.quantities.frame import EARTH_FIXED, Frame
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 
@@ -80,7 +80,7 @@ class BoundMap:
     present : ndarray of bool, shape (points, time, m), optional
         Which rows are measured.
     quantities : tuple of str
-        Of `diagrams.state_errors.QUANTITIES`.
+        Of `diagrams.statistics.state_errors.QUANTITIES`.
     frame : Frame, or its name
         See `diagrams.assembly.model.Model`.
     equal : bool

@@ -7,16 +7,16 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from diagrams.assembly.bus import Bus
-from diagrams.assembly.frame import EARTH_FIXED, Frame, as_frame
 from diagrams.assembly.map import BoundMap, View
 from diagrams.assembly.recorded import Recorded
+from diagrams.quantities.frame import EARTH_FIXED, Frame, as_frame
 from systems.clocks import Clock
 from systems.estimators.base import Estimator
-from systems.estimators.start import Start
 from systems.estimators.wiring import Tails
 from systems.integration import LONGEST_STEP
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
+from systems.starts.start import Start
 
 __all__ = ["Assumed", "Model", "Part"]
 
@@ -91,7 +91,7 @@ class Model:
     platforms : sequence of str, optional
         Names of what carries the sensors, in the order of the signal ``platforms``; by default ``platform_0`` ...
     frame : Frame, or its name
-        Axes of states and platforms, of `diagrams.assembly.frame.FRAMES`; `axes` is the frame itself.
+        Axes of states and platforms, of `diagrams.quantities.frame.FRAMES`; `axes` is the frame itself.
     truth_states : sequence of str, optional
         Names of the components on ``truth``; by default those of `truth_motion` or of the target's own motion model.
     signals : mapping of str to str

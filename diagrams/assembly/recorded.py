@@ -15,7 +15,7 @@ from systems.clocks import Clock
 if TYPE_CHECKING:
     import xarray as xr
 
-    from diagrams.tables import Table
+    from diagrams.console.tables import Table
 
 __all__ = ["Recorded", "Report"]
 
@@ -48,7 +48,7 @@ class Recorded:
     tracks : sequence of str
         Names of the tracks; each is a trial of a study. One: the clock of the model is its own.
     clocks : sequence of Clock
-        Where there are several, when each is played; blocks that play them are `systems.tracks.Tracked`.
+        Where there are several, when each is played; blocks that play them are `systems.playback.tracks.Tracked`.
     times : sequence of ndarray
         The same epochs in the time of the recording [s].
     report : callable, optional

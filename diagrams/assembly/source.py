@@ -16,10 +16,10 @@ from typing import Any
 
 import diagrams
 import systems
-from diagrams.errors import UserError
+from diagrams.schema.errors import UserError
 from systems.estimators.base import Estimator
-from systems.estimators.custom import Custom
 from systems.files import Unreadable, read_bytes
+from systems.options.custom import Custom
 from systems.registry import in_one_line
 
 __all__ = ["beside", "blaming", "import_file", "import_module", "is_users", "line_of", "look_in"]

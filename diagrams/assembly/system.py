@@ -17,10 +17,10 @@ from diagrams.assembly.build import Assembly, build
 from diagrams.assembly.checks import check_model
 from diagrams.assembly.lineup import check_names, refuse_classes, select_estimators
 from diagrams.assembly.model import Model
-from diagrams.data import Source
-from diagrams.errors import UserError, choose, texts
-from diagrams.origins import Origins
-from diagrams.scenario import apply_setting, check, check_object, dump, load, merge, read_yaml
+from diagrams.readers.data import Source
+from diagrams.schema.errors import UserError, choose, texts
+from diagrams.schema.origins import Origins
+from diagrams.schema.scenario import apply_setting, check, check_object, dump, load, merge, read_yaml
 from systems.clocks import Periodic
 from systems.counting import tally
 
@@ -262,7 +262,7 @@ class System:
 
 def packaged(name: str) -> dict[str, Any]:
     """Return base and variants of a system that comes with Quietfix: ``scenarios/NAME.yaml``, ``NAME.VARIANT.yaml``."""
-    folder = Path(str(files("diagrams"))) / "scenarios"
+    folder = Path(str(files("diagrams.library"))) / "scenarios"
     variants = {path.name.split(".")[1]: path for path in sorted(folder.glob(f"{name}.*.yaml"))}
     return {"base": folder / f"{name}.yaml", "variants": variants}
 

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import xarray as xr
 
-from diagrams.epochs import along, by_number
 from diagrams.figures.consistency import draw_consistency
 from diagrams.figures.convergence import draw_convergence
 from diagrams.figures.errors import draw_error, draw_percentiles
 from diagrams.figures.ground import draw_ground, has_ground
 from diagrams.figures.particles import draw_particle_health, particle_filters
 from diagrams.figures.style import save
-from diagrams.metrics import rmse
-from diagrams.state_errors import errors
+from diagrams.statistics.epochs import along, by_number
+from diagrams.statistics.metrics import rmse
+from diagrams.statistics.state_errors import errors
 
 __all__ = ["study_figures"]
 

@@ -24,7 +24,7 @@ def draw_comparison(found: Mapping[str, Any]) -> Figure:
     Parameters
     ----------
     found : mapping
-        As `diagrams.comparison.comparison_statistics` gives it.
+        As `diagrams.experiments.comparison.comparison_statistics` gives it.
 
     Returns
     -------

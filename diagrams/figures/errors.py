@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from diagrams.figures.style import Look, grid, legend_outside, log_scale, looks, new_figure, time_label, title
-from diagrams.metrics import median, percentile
+from diagrams.statistics.metrics import median, percentile
 
 __all__ = ["draw_error", "draw_percentiles"]
 

@@ -10,10 +10,10 @@ import xarray as xr
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from diagrams.assembly.frame import Ground, frame_of
 from diagrams.figures.labels import name_places
 from diagrams.figures.style import grid, legend_outside, looks, new_figure, title
-from diagrams.states import POSITION
+from diagrams.quantities.frame import Ground, frame_of
+from diagrams.quantities.states import POSITION
 
 __all__ = ["draw_ground", "has_ground"]
 

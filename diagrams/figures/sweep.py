@@ -28,7 +28,7 @@ def draw_sweep(found: Mapping[str, Any], geometric: bool = False) -> Figure:
     Parameters
     ----------
     found : mapping
-        As `diagrams.sweep.sweep_statistics` gives it.
+        As `diagrams.experiments.sweep.sweep_statistics` gives it.
     geometric : bool
         Whether the values are spaced by a factor.
 

@@ -13,13 +13,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.assembly.frame import UNITS
 from diagrams.assembly.map import BoundMap
-from diagrams.bounds import bound_squares
-from diagrams.posterior_bound import bound_steps
-from diagrams.progress import Progress
-from diagrams.state_errors import QUANTITIES
-from diagrams.states import block, columns
+from diagrams.console.progress import Progress
+from diagrams.quantities.frame import UNITS
+from diagrams.quantities.states import block, columns
+from diagrams.statistics.bounds import bound_squares
+from diagrams.statistics.posterior_bound import bound_steps
+from diagrams.statistics.state_errors import QUANTITIES
 from systems.measurement.base import MeasurementModel
 
 __all__ = ["last_bound", "map_bounds"]

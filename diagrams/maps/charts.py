@@ -9,11 +9,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from diagrams.assembly.frame import Frame, as_frame
-from diagrams.errors import UserError
-from diagrams.states import POSITION, columns
-from systems.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
-from systems.geodetic import up as normal
+from diagrams.quantities.frame import Frame, as_frame
+from diagrams.quantities.states import POSITION, columns
+from diagrams.schema.errors import UserError
+from systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+from systems.earth.geodetic import up as normal
 
 __all__ = ["Chart", "Flat", "Shell", "Upright", "chart_of", "moved_to"]
 

@@ -17,11 +17,11 @@ from pydrake.systems.framework import DiagramBuilder
 from diagrams.assembly.build import Assembly, build
 from diagrams.assembly.map import BoundMap, Plane, View
 from diagrams.assembly.model import Model
-from diagrams.bounds import alike, rows_present
-from diagrams.errors import UserError
 from diagrams.maps.charts import chart_of, moved_to
 from diagrams.maps.sides import sides_of
-from diagrams.states import POSITION, VELOCITY, columns, shared, translated
+from diagrams.quantities.states import POSITION, VELOCITY, columns, shared, translated
+from diagrams.schema.errors import UserError
+from diagrams.statistics.bounds import alike, rows_present
 from systems.estimators.base import Estimator
 from systems.integration import simulator_of
 from systems.recorder import record

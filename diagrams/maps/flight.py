@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.frame import LAUNCH
 from diagrams.assembly.map import BoundMap, Plane
+from diagrams.quantities.frame import LAUNCH
 from systems.clocks import Periodic
+from systems.geometry.visibility import SphericalMask
 from systems.measurement.range_rate import RangeRate
-from systems.measurement.visibility import SphericalMask
 from systems.motion.base import MotionModel
-from systems.motion.rocket import LaunchSite
+from systems.trajectories.rocket import LaunchSite
 
 __all__ = ["flight_map"]
 

@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.assembly.map import BoundMap, Plane
-from diagrams.errors import UserError
-from diagrams.formation import satellite_orbit
-from diagrams.ground import Airborne, beside_track, track_axes, tracks
+from diagrams.parts.formation import satellite_orbit
+from diagrams.parts.ground import Airborne, beside_track, track_axes, tracks
+from diagrams.schema.errors import UserError
 from systems.clocks import Periodic
-from systems.frames import inertial_to_earth_fixed
-from systems.geodetic import up
+from systems.earth.frames import inertial_to_earth_fixed
+from systems.earth.geodetic import up
+from systems.geometry.visibility import ElevationMask
 from systems.measurement.base import MeasurementModel
-from systems.measurement.visibility import ElevationMask
 from systems.motion.constant_velocity import ConstantVelocity
-from systems.motion.great_circle import straight_line
+from systems.trajectories.great_circle import straight_line
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -206,7 +206,7 @@ def ground_areas(dataset: xr.Dataset) -> dict[str, dict[str, float]]:
 
 
 def _print_areas(dataset: xr.Dataset) -> None:
-    from diagrams.tables import Column, Table, print_table
+    from diagrams.console.tables import Column, Table, print_table
 
     limits = [("position", limit) for limit in POSITION_LIMITS] + [("height", limit) for limit in HEIGHT_LIMITS]
     titles = [f"{quantity} {limit / 1e3:g} km" for quantity, limit in limits]

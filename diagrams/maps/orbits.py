@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.frame import INERTIAL
 from diagrams.assembly.map import BoundMap, Plane
+from diagrams.quantities.frame import INERTIAL
+from systems.geometry.visibility import Mask
 from systems.measurement.base import MeasurementModel
-from systems.measurement.visibility import Mask
 from systems.motion.orbital import OrbitalMotion
 
 __all__ = ["orbit_map"]

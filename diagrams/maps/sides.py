@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.assembly.map import View
-from diagrams.errors import UserError
 from diagrams.maps.charts import Chart, Upright
+from diagrams.schema.errors import UserError
 
 __all__ = ["sides_of"]
 

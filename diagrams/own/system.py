@@ -14,26 +14,26 @@ from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Assumed, Model, Part
 from diagrams.assembly.source import look_in
 from diagrams.assembly.system import System
-from diagrams.errors import UserError, shown
-from diagrams.formation import gravity_constants
-from diagrams.own import plants
-from diagrams.own.apart import check_apart
-from diagrams.own.beginning import Begin, Surroundings, begin
-from diagrams.own.impairing import Together, impaired
-from diagrams.own.measured import measured, recorded_of, setting_of, table_of_scenario, true_path
-from diagrams.own.movers import Mover, RandomMotion, Tle
-from diagrams.own.paths import Path, path_of, paths_of
-from diagrams.own.places import Places
-from diagrams.own.records import Setting, old_elements
-from diagrams.own.resolving import open_cycles, phase_resolvers
-from diagrams.own.schema import OwnScenario
-from diagrams.own.sensing import NAME, PlacedSensor, differentiated, placed_sensors, used_rows
-from diagrams.own.target import Target, target_motion, true_motion, with_bias
-from diagrams.own.view import view_of
+from diagrams.own.classes import plants
+from diagrams.own.declaring.apart import check_apart
+from diagrams.own.declaring.beginning import Begin, Surroundings, begin
+from diagrams.own.declaring.impairing import Together, impaired
+from diagrams.own.declaring.resolving import open_cycles, phase_resolvers
+from diagrams.own.declaring.sensing import NAME, PlacedSensor, differentiated, placed_sensors, used_rows
+from diagrams.own.declaring.target import Target, target_motion, true_motion, with_bias
+from diagrams.own.fed.measured import measured, recorded_of, setting_of, table_of_scenario, true_path
+from diagrams.own.fields.schema import OwnScenario
+from diagrams.own.fields.view import view_of
+from diagrams.parts.formation import gravity_constants
 from diagrams.parts.impairment import KnownPlatforms
 from diagrams.parts.movers import Platforms
 from diagrams.parts.sensing import TargetSensor
-from diagrams.scenario import read_yaml
+from diagrams.paths.functions import Path, path_of, paths_of
+from diagrams.paths.movers import Mover, RandomMotion, Tle
+from diagrams.paths.places import Places
+from diagrams.paths.records import Setting, old_elements
+from diagrams.schema.errors import UserError, shown
+from diagrams.schema.scenario import read_yaml
 from systems.clocks import Clock, Merged
 from systems.estimators.options import EstimatorOptions
 from systems.integration import LONGEST_STEP

@@ -9,12 +9,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.errors import UserError
-from diagrams.own.measured import believed_noise
-from diagrams.own.rows import Row, rows_of
-from diagrams.own.schema import OwnScenario
-from diagrams.own.sensing import placed_sensors
+from diagrams.own.declaring.sensing import placed_sensors
+from diagrams.own.fed.measured import believed_noise
+from diagrams.own.fed.rows import Row, rows_of
+from diagrams.own.fields.schema import OwnScenario
 from diagrams.own.system import places_of
+from diagrams.schema.errors import UserError
 
 __all__ = ["write_measurements"]
 

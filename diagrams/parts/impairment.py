@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
-from diagrams.errors import UserError
-from diagrams.sensor_errors import SensorErrors
+from diagrams.parts.sensor_errors import SensorErrors
+from diagrams.schema.errors import UserError
 from systems.clocks import Clock
 from systems.measurement.base import MeasurementModel
 from systems.motion.gauss_markov import GaussMarkov

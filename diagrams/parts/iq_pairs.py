@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
-from diagrams.iq_pairs import PAIR_SIGNALS, pieces
+from diagrams.parts.iq_comparison import PAIR_SIGNALS, pieces
 from systems.ambiguity.differences import Window
 from systems.ambiguity.estimate import CrossAmbiguity
 from systems.clocks import Clock, Periodic, Times
 from systems.iq.block import IqBlock
-from systems.sensors.cross_ambiguity import CrossAmbiguitySensor
-from systems.sensors.recorded_iq import RecordedIq
+from systems.signal_chain.cross_ambiguity import CrossAmbiguitySensor
+from systems.signal_chain.recorded_iq import RecordedIq
 
 __all__ = ["IqPairs"]
 
@@ -34,7 +34,7 @@ class _Plan:
 
 @dataclass(frozen=True, eq=False)
 class IqPairs:
-    """A block for each recording and one for each pair; publishes what `diagrams.iq_pairs.PAIR_SIGNALS` says.
+    """A block for each recording and one for each pair; publishes the `PAIR_SIGNALS` of `diagrams.parts.iq_comparison`.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
-from diagrams.formation import GreatCircle, Motion, RandomAcceleration
+from diagrams.parts.formation import GreatCircle, Motion, RandomAcceleration
 from systems.clocks import Clock
 from systems.motion.base import MotionModel
 from systems.motion.constant_velocity import ConstantVelocity

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
 from systems.clocks import Merged, Times
-from systems.plants.track_truth import TrackTruth
+from systems.playback.track_truth import TrackTruth
 from systems.sensors.recorded import RecordedMeasurements, Recording
 
 __all__ = ["RecordedStream"]

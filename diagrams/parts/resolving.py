@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from diagrams.assembly.bus import Bus
+from systems.angles.phase import InterferometerPhase
 from systems.estimators.phase_resolver import PhaseResolver
-from systems.measurement.phase import InterferometerPhase
 from systems.measurement.tdoa import Tdoa
 
 __all__ = ["PhaseResolution"]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from diagrams.assembly.bus import Bus
 from systems.clocks import Clock
+from systems.geometry.visibility import Mask
 from systems.measurement.base import MeasurementModel
-from systems.measurement.visibility import Mask
 from systems.sensors.sensor import Sensor
 
 __all__ = ["TargetSensor"]

@@ -11,15 +11,15 @@ from pathlib import Path as FilePath
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.errors import UserError
-from diagrams.own.movers import Oem
-from diagrams.own.records import Setting, file_of, of_field, stamp_of
-from diagrams.readers.oem import EphemerisMessage, EphemerisSegment, read_oem
+from diagrams.paths.movers import Oem
+from diagrams.paths.records import Setting, file_of, of_field, stamp_of
+from diagrams.readers.ccsds.oem import EphemerisMessage, EphemerisSegment, read_oem
+from diagrams.schema.errors import UserError
 from systems.celestial import equinox_to_earth_fixed, j2000_to_earth_fixed
-from systems.frames import earth_fixed_to_inertial
+from systems.earth.frames import earth_fixed_to_inertial
+from systems.earth.time_scales import posix_of, posix_to_tai, to_tai
 from systems.plants.ephemeris import spline_samples
 from systems.plants.recorded import hermite
-from systems.time_scales import posix_of, posix_to_tai, to_tai
 
 __all__ = ["oem_path"]
 

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.errors import UserError, shown
 from diagrams.readers.rows import Chunk, broken, chunks_of
 from diagrams.readers.stamps import BadStamp, read_stamps
+from diagrams.schema.errors import UserError, shown
 
 __all__ = ["COLUMNS", "MeasurementTable", "Series", "read_measurements"]
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from diagrams.errors import UserError, shown
+from diagrams.schema.errors import UserError, shown
 from systems.files import Unreadable, read_bytes, regular_size
 
 __all__ = ["Chunk", "broken", "chunks_of"]

@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.errors import UserError, choose
-from diagrams.verification.statistics import Statistic
+from diagrams.schema.errors import UserError, choose
+from diagrams.statistics.intervals import Statistic
 from diagrams.verification.study_view import StudyFacts, StudyView
 from systems.documented import documented, number, text
 

@@ -1,6 +1,6 @@
 """The metrics that a requirement may be about, one class and YAML tag each.
 
-Everything is SI, courses in degrees, as in `diagrams.state_errors`.
+Everything is SI, courses in degrees, as in `diagrams.statistics.state_errors`.
 """
 
 # No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
@@ -11,10 +11,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.errors import UserError, choose
-from diagrams.state_errors import QUANTITIES
+from diagrams.schema.errors import UserError, choose
+from diagrams.statistics.intervals import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean, Statistic
+from diagrams.statistics.state_errors import QUANTITIES
 from diagrams.verification.metric import ErrorMetric, Metric, TimedMetric, mean_over_epochs, mean_squares
-from diagrams.verification.statistics import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean, Statistic
 from diagrams.verification.study_view import StudyFacts, StudyView
 from systems.documented import choice, documented, number, text
 

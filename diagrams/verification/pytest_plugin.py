@@ -48,7 +48,7 @@ class RequirementsFile(pytest.File):
 
     def collect(self) -> Iterator[RequirementItem]:
         """Yield one item per requirement."""
-        from diagrams.errors import UserError
+        from diagrams.schema.errors import UserError
         from diagrams.verification.verify import Verification
 
         try:
@@ -73,8 +73,8 @@ class RequirementItem(pytest.Item):
 
     def runtest(self) -> None:
         """Judge it; what is not held is a failure, also what is undecided."""
-        from diagrams.errors import UserError
-        from diagrams.verification.sequential import HOLDS
+        from diagrams.schema.errors import UserError
+        from diagrams.statistics.sequential import HOLDS
 
         try:
             finding = self.verification.judge(self.requirement)

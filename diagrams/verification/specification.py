@@ -7,13 +7,13 @@ from pathlib import Path
 from diagrams.assembly.find import find
 from diagrams.assembly.lineup import estimator_key
 from diagrams.assembly.source import beside
-from diagrams.errors import UserError, choose
-from diagrams.origins import Origins
-from diagrams.recordings import only_simulated
-from diagrams.scenario import load, read_yaml
+from diagrams.schema.errors import UserError, choose
+from diagrams.schema.origins import Origins
+from diagrams.schema.scenario import load, read_yaml
+from diagrams.statistics.sequential import Limit, plan_looks
+from diagrams.studies.recordings import only_simulated
 from diagrams.verification.metric import Metric
 from diagrams.verification.metrics import MetricChoice, RmseRatio
-from diagrams.verification.sequential import Limit, plan_looks
 from systems.documented import Allowed, count, documented, number, text
 
 __all__ = ["SUFFIX", "Case", "Requirement", "Specification", "read_specification"]

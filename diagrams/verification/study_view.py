@@ -9,9 +9,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from diagrams.assembly.build import Assembly
-from diagrams.assembly.frame import UNITS, Frame
-from diagrams.state_errors import NEEDED, axis_errors, errors
-from diagrams.states import shared
+from diagrams.quantities.frame import UNITS, Frame
+from diagrams.quantities.states import shared
+from diagrams.statistics.state_errors import NEEDED, axis_errors, errors
 
 __all__ = ["StudyFacts", "StudyView"]
 
@@ -45,7 +45,7 @@ class StudyFacts:
 
 
 def _quantities(states: Sequence[str], judged: Sequence[str], frame: Frame) -> list[str]:
-    """Return what `diagrams.state_errors` finds of those components, where the study judges more."""
+    """Return what `diagrams.statistics.state_errors` finds of those components, where the study judges more."""
     found = [of for of in frame.quantities(judged) if set(shared(NEEDED[of], judged)) <= set(states)]
     return list(dict.fromkeys([*found, *states]))
 
@@ -56,7 +56,7 @@ class StudyView:
     Parameters
     ----------
     dataset : xarray.Dataset
-        From `diagrams.study.Study.chunks`.
+        From `diagrams.studies.study.Study.chunks`.
     """
 
     def __init__(self, dataset: xr.Dataset) -> None:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from diagrams.assembly.find import find
 from diagrams.assembly.lineup import estimator_key
-from diagrams.errors import UserError, choose
-from diagrams.study import Study
+from diagrams.schema.errors import UserError, choose
+from diagrams.studies.study import Study
 from diagrams.verification.metrics import RmseRatio
 from diagrams.verification.specification import Requirement, Specification
 from diagrams.verification.study_view import StudyFacts, StudyView

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from diagrams.assembly.source import beside
-from diagrams.errors import UserError
-from diagrams.verification.sequential import FAILS, UNDECIDED, WORDS, judge
+from diagrams.schema.errors import UserError
+from diagrams.statistics.sequential import FAILS, UNDECIDED, WORDS, judge
 from diagrams.verification.specification import Requirement, Specification, read_specification
 from diagrams.verification.trials import GrowingStudy
 

@@ -12,11 +12,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.assembly.frame import frame_of
-from diagrams.epochs import along
+from diagrams.quantities.frame import frame_of
+from diagrams.quantities.states import POSITION, VELOCITY
 from diagrams.readers.stamps import write_stamps
-from diagrams.states import POSITION, VELOCITY
-from systems.geodetic import ecef_to_geodetic, enu_rotation
+from diagrams.statistics.epochs import along
+from systems.earth.geodetic import ecef_to_geodetic, enu_rotation
 
 __all__ = ["Columns", "estimate_columns", "write_estimates"]
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from diagrams.writers.ellipse import ellipse_ring
 from diagrams.writers.meridian import cut_line, cut_ring
-from systems.geodetic import enu_rotation
-from systems.time_scales import from_tai
+from systems.earth.geodetic import enu_rotation
+from systems.earth.time_scales import from_tai
 
 __all__ = ["EstimatedTrack", "geojson_text", "horizontal"]
 
@@ -34,7 +34,7 @@ class EstimatedTrack:
     name : str
         Of the target or the estimator.
     second : ndarray of int, shape (k,)
-        Whole seconds of TAI since 1970; see `systems.time_scales`.
+        Whole seconds of TAI since 1970; see `systems.earth.time_scales`.
     rest : ndarray, shape (k,)
         And the rest [s].
     latitude, longitude : ndarray, shape (k,)

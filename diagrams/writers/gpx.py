@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from xml.sax.saxutils import escape
 
 from diagrams.readers.gpx import GpxTrack
-from systems.time_scales import from_tai
+from systems.earth.time_scales import from_tai
 
 __all__ = ["gpx_text"]
 

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.angle_wrapping import wrap
+from systems.angles.direct_azimuth import DirectAzimuth
 from systems.documented import choice, number
 from systems.estimators.kalman import KalmanEstimator
 from systems.estimators.memory import Epoch, Innovation, Memory
-from systems.estimators.start import Start
 from systems.estimators.wiring import Wiring
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.base import positive
-from systems.measurement.direct_azimuth import DirectAzimuth
 from systems.motion.azimuth_rate import AzimuthRate
+from systems.starts.start import Start
 
 __all__ = ["AzimuthFilter", "AzimuthFilterOptions", "AzimuthStart"]
 

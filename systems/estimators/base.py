@@ -20,12 +20,12 @@ from pydrake.systems.framework import Context, DiscreteValues
 from systems.clocks import at_ticks, same_instant
 from systems.counting import tally
 from systems.estimators.memory import TO_COME, Epoch, Innovation, Memory, Remembered
-from systems.estimators.start import Start
 from systems.estimators.wiring import Wiring
 from systems.filters.whitening import unknown_rows
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 from systems.signals import EnsembleBlock, components_of
+from systems.starts.start import Start
 
 __all__ = ["Estimator"]
 

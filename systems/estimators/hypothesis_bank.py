@@ -9,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.angle_wrapping import wrap
+from systems.angles.phase import InterferometerPhase
 from systems.estimators.base import Estimator
-from systems.estimators.hypotheses_start import HypothesesStart
 from systems.estimators.memory import Epoch, Innovation, Memory
-from systems.estimators.start import Start
 from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import GaussianFilter, take
 from systems.filters.hypotheses import branch, in_doubt, log_evidence, mixture, reweigh
-from systems.filters.linear_algebra import symmetric
 from systems.filters.square_root import Posterior
 from systems.filters.whitening import Whitener, missing_rows
+from systems.linear_algebra import symmetric
 from systems.measurement.base import MeasurementModel
-from systems.measurement.phase import InterferometerPhase
 from systems.measurement.stack import Stack
 from systems.motion.base import MotionModel
+from systems.starts.hypotheses_start import HypothesesStart
+from systems.starts.start import Start
 
 __all__ = ["HypothesisBank", "phases_of"]
 

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from systems.estimators.base import Estimator
 from systems.estimators.memory import Epoch, Innovation, Memory
-from systems.estimators.start import Start
 from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import GaussianFilter
 from systems.filters.robust import StudentRows
 from systems.filters.whitening import Whitener
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
+from systems.starts.start import Start
 
 __all__ = ["KalmanEstimator"]
 

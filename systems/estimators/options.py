@@ -7,10 +7,10 @@ from typing import ClassVar
 
 from systems.documented import documented
 from systems.estimators.base import Estimator
-from systems.estimators.start import Start
 from systems.estimators.wiring import Wiring
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
+from systems.starts.start import Start
 
 __all__ = ["EstimatorOptions"]
 

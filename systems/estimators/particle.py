@@ -12,18 +12,18 @@ from pydrake.systems.framework import Context
 
 from systems.estimators.base import Estimator
 from systems.estimators.memory import Epoch, Innovation, Memory
-from systems.estimators.start import CloudStart, Start
 from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import take
-from systems.filters.linear_algebra import semidefinite_root
 from systems.filters.particle.draws import Draws
 from systems.filters.particle.health import COLUMNS, LEAST_EVIDENCE, evidence, follow, normalised_innovation
 from systems.filters.particle.likelihood import Likelihood, Reading
 from systems.filters.particle.update import Cloud, ParticleUpdate
 from systems.filters.particle.weights import effective_size, moments, normalise, unique_sorted
 from systems.filters.whitening import Whitener
+from systems.linear_algebra import semidefinite_root
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
+from systems.starts.start import CloudStart, Start
 
 __all__ = ["ParticleEstimator"]
 

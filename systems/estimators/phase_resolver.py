@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
+from systems.angles.phase import InterferometerPhase
+from systems.earth.geodetic import vertical
 from systems.fixes.known_height import wave_front_fix
-from systems.geodetic import vertical
-from systems.measurement.phase import InterferometerPhase
 from systems.measurement.tdoa import Tdoa
 from systems.signals import EnsembleBlock
 

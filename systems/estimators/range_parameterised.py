@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.estimators.base import Estimator
-from systems.estimators.bearing_start import BearingStart
 from systems.estimators.memory import Epoch, Innovation, Memory
 from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import GaussianFilter, take
 from systems.filters.whitening import Whitener
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
+from systems.starts.bearing_start import BearingStart
 
 __all__ = ["RangeParameterised", "intervals"]
 

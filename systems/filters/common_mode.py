@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.filters.gaussian import GaussianFilter, WrappingFilter
-from systems.filters.linear_algebra import cholesky
 from systems.filters.square_root import Posterior
 from systems.filters.unscented import UnscentedKalman
 from systems.filters.whitening import Whitener, missing_rows
+from systems.linear_algebra import cholesky
 from systems.measurement.base import MeasurementModel
 
 __all__ = ["CommonModeMonitor", "common_mode_statistics"]

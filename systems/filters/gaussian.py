@@ -7,9 +7,9 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.linear_algebra import symmetric
 from systems.filters.square_root import Posterior
 from systems.filters.whitening import Whitener
+from systems.linear_algebra import symmetric
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.linear_algebra import cholesky, inverse_lower
+from systems.linear_algebra import cholesky, inverse_lower
 
 __all__ = ["Gains", "Posterior", "report"]
 

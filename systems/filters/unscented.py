@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.filters.gaussian import GaussianFilter, predict_extended
-from systems.filters.linear_algebra import cholesky, inverse_lower, symmetric
 from systems.filters.square_root import Gains, Posterior, report
 from systems.filters.whitening import Whitener, missing_rows
+from systems.linear_algebra import cholesky, inverse_lower, symmetric
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.constants import SPEED_OF_LIGHT
-from systems.filters.linear_algebra import solve
-from systems.geodetic import ecef_to_geodetic, up
+from systems.earth.geodetic import ecef_to_geodetic, up
+from systems.linear_algebra import solve
 from systems.measurement.base import MeasurementModel
 
 __all__ = ["delay_curve"]

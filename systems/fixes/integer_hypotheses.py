@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from systems.angle_wrapping import wrap
 from systems.constants import SPEED_OF_LIGHT
-from systems.filters.linear_algebra import inverses, solve
+from systems.earth.geodetic import ecef_to_geodetic
 from systems.filters.whitening import Whitener
 from systems.fixes.delay_curve import delay_curve
-from systems.geodetic import ecef_to_geodetic
+from systems.linear_algebra import inverses, solve
 from systems.measurement.altitude import Altitude
 from systems.measurement.base import MeasurementModel
 from systems.measurement.stack import Stack

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.constants import SPEED_OF_LIGHT
-from systems.filters.linear_algebra import inverses, solve
-from systems.geodetic import ecef_to_geodetic, geodetic_to_ecef, up, vertical
+from systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef, up, vertical
+from systems.geometry.lines_of_sight import line_of_sight
+from systems.linear_algebra import inverses, solve
 from systems.measurement.base import differenced_covariance
-from systems.measurement.geometry import line_of_sight
 from systems.measurement.tdoa import Tdoa
 
 __all__ = [

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.linear_algebra import cholesky, inverses, solve, symmetric
+from systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 from systems.filters.whitening import Whitener
-from systems.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+from systems.linear_algebra import cholesky, inverses, solve, symmetric
 from systems.measurement.base import MeasurementModel
 
 __all__ = ["SnapshotFix", "snapshot_fix", "starts_around", "starts_around_level"]

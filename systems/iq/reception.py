@@ -9,7 +9,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from systems.constants import EARTH_RATE, SPEED_OF_LIGHT
-from systems.frames import acceleration_to_inertial, earth_fixed_to_inertial
+from systems.earth.frames import acceleration_to_inertial, earth_fixed_to_inertial
 from systems.iq.waveform import Emission
 
 __all__ = ["Delay", "Trajectory", "delay_over", "propagation_delay", "receive", "straight", "with_acceleration"]

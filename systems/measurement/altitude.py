@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.geodetic import vertical
+from systems.earth.geodetic import vertical
 from systems.measurement.base import MeasurementModel, positive
 
 __all__ = ["Altitude"]

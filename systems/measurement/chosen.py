@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from systems.measurement.base import MeasurementModel
-from systems.measurement.phase import InterferometerPhase
 
 __all__ = ["ChosenRows", "only"]
 
@@ -17,9 +17,8 @@ Array = NDArray[np.float64]
 
 def only(model: MeasurementModel, names: Sequence[str]) -> MeasurementModel:
     """Return a model of the rows `names` of a model, in its own order; phases stay such as can be resolved."""
-    if isinstance(model, InterferometerPhase):
-        return model.only(names)
-    return ChosenRows(model, names)
+    own = getattr(model, "only", None)
+    return ChosenRows(model, names) if own is None else cast(MeasurementModel, own(names))
 
 
 class ChosenRows(MeasurementModel):

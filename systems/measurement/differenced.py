@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.constants import EARTH_RATE
+from systems.geometry.light_time import Arrival, arrival
+from systems.geometry.lines_of_sight import LineOfSight
 from systems.measurement.base import differenced_covariance
-from systems.measurement.geometry import LineOfSight
-from systems.measurement.light_time import Arrival, arrival
 from systems.measurement.sighted import SightedModel
-from systems.motion.gravity import GravityConstants
+from systems.trajectories.gravity import GravityConstants
 
 __all__ = ["Differenced"]
 
@@ -36,7 +36,7 @@ class Differenced(SightedModel):
     correlated : bool
         Errors correlated through the common reference; see `differenced_covariance`.
     light_time : bool
-        False: geometry of one instant. True: one wave front, see `systems.measurement.light_time.arrival`.
+        False: geometry of one instant. True: one wave front, see `systems.geometry.light_time.arrival`.
     earth_rate : float
         Rotation of the Earth-fixed axes [rad/s]; only used with `light_time`.
     constants : GravityConstants, optional

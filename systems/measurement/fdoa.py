@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.constants import EARTH_RATE, SPEED_OF_LIGHT
+from systems.geometry.light_time import Arrival
+from systems.geometry.lines_of_sight import LineOfSight
 from systems.measurement.base import positive
 from systems.measurement.differenced import Differenced
-from systems.measurement.geometry import LineOfSight
-from systems.measurement.light_time import Arrival
-from systems.motion.gravity import GravityConstants
+from systems.trajectories.gravity import GravityConstants
 
 __all__ = ["Fdoa"]
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.geometry.lines_of_sight import LineOfSight
 from systems.measurement.base import positive
-from systems.measurement.geometry import LineOfSight
 from systems.measurement.sighted import SightedModel
 
 __all__ = ["ReceivedPower"]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from systems.geometry.lines_of_sight import LineOfSight, line_of_sight
 from systems.measurement.base import MeasurementModel
-from systems.measurement.geometry import LineOfSight, line_of_sight
 from systems.measurement.sighted import SightedModel
 
 __all__ = ["Stack"]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.motion.base import MotionModel
-from systems.motion.gravity import GravityConstants, acceleration, gradient, gradient_rate
+from systems.trajectories.gravity import GravityConstants, acceleration, gradient, gradient_rate
 
 __all__ = ["OrbitalMotion", "Propagation"]
 

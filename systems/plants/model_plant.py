@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
 from systems.clocks import Clock
-from systems.filters.linear_algebra import semidefinite_root
+from systems.linear_algebra import semidefinite_root
 from systems.motion.base import MotionModel
 from systems.noise import normal
 from systems.signals import EnsembleBlock, check_trials

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from systems.motion.polynomial import polynomial_states
 from systems.signals import EnsembleBlock
+from systems.trajectories.polynomial import polynomial_states
 
 __all__ = ["RecordedTruth", "hermite"]
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 from scipy.integrate import OdeSolution
 
-from systems.motion.rocket import RocketModel
 from systems.plants.solving import solve
 from systems.signals import EnsembleBlock
+from systems.trajectories.rocket import RocketModel
 
 __all__ = ["Rocket", "fly"]
 

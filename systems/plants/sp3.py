@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from systems.constants import EARTH_RATE
+from systems.earth.frames import earth_fixed_to_inertial, inertial_to_earth_fixed
 from systems.files import read_text
-from systems.frames import earth_fixed_to_inertial, inertial_to_earth_fixed
-from systems.motion.polynomial import ORBIT_ORDER, polynomial_states
 from systems.plants.recorded import hermite
 from systems.plants.sp3_records import Records, elapsed, read_records
+from systems.trajectories.polynomial import ORBIT_ORDER, polynomial_states
 
 __all__ = ["PreciseOrbit", "read_sp3"]
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
+from systems.geometry.misalignment import rotation_matrix, seen_from_turned_axes
 from systems.measurement.base import MeasurementModel
-from systems.measurement.misalignment import rotation_matrix, seen_from_turned_axes
 from systems.noise import normal
 from systems.signals import Draw, EnsembleBlock
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
 from systems.clocks import Clock
-from systems.measurement.geometry import line_of_sight
+from systems.geometry.lines_of_sight import line_of_sight
+from systems.geometry.visibility import ElevationMask
 from systems.measurement.range_rate import RangeRate, common_part
-from systems.measurement.visibility import ElevationMask
 from systems.noise import normal
 from systems.signals import EnsembleBlock, components_of
 

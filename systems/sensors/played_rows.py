@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
 from systems.clocks import Times
-from systems.tracks import Tracked
+from systems.playback.tracks import Tracked
 
 __all__ = ["PlayedRows", "TableTrack"]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from systems.filters.linear_algebra import semidefinite_root
+from systems.linear_algebra import semidefinite_root
 from systems.noise import normal
 from systems.signals import EnsembleBlock
 

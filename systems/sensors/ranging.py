@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.measurement.ranged_position import RangedPosition
-from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
+from systems.angles.relative_kinematics import ROWS, RelativeKinematics
+from systems.fixes.ranged_position import RangedPosition
 from systems.signals import EnsembleBlock
 
 __all__ = ["Ranging"]

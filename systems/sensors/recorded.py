@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
 from systems.clocks import Times
-from systems.tracks import Tracked
+from systems.playback.tracks import Tracked
 
 __all__ = ["RecordedMeasurements", "Recording"]
 

@@ -8,9 +8,9 @@ from pydrake.systems.framework import Context
 
 from systems.clocks import Clock
 from systems.counting import tally
-from systems.filters.linear_algebra import semidefinite_root
+from systems.geometry.visibility import Mask
+from systems.linear_algebra import semidefinite_root
 from systems.measurement.base import MeasurementModel
-from systems.measurement.visibility import Mask
 from systems.noise import normal
 from systems.signals import Draw, EnsembleBlock, components_of
 

@@ -10,7 +10,7 @@ import json
 import sys
 import time
 
-from diagrams.study import Study, run_study
+from diagrams.studies.study import Study, run_study
 from tests.peak_memory import peak_bytes
 
 

@@ -10,12 +10,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from systems.estimators.kalman import KalmanEstimator
-from systems.estimators.start import GivenStart
 from systems.estimators.wiring import Wiring
 from systems.filters.gaussian import GaussianFilter
 from systems.filters.whitening import Whitener
 from systems.recorder import record
 from systems.sensors.recorded import RecordedMeasurements, Recording
+from systems.starts.start import GivenStart
 from tests.benchmarks.recorded_pass import PERIOD, RecordedPass
 
 __all__ = ["History", "diagram", "loop"]

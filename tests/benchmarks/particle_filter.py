@@ -24,13 +24,13 @@ from stonesoup.updater.particle import ParticleUpdater
 
 from diagrams.assembly.build import Assembly
 from diagrams.assembly.find import find
-from diagrams.catalogue import load_scenario
+from diagrams.commands.catalogue import load_scenario
+from systems.angles.direction import Direction
 from systems.clocks import Periodic
 from systems.constants import SPEED_OF_LIGHT
 from systems.estimators.base import Estimator
 from systems.estimators.memory import Epoch
-from systems.measurement.body_frame import body_frame
-from systems.measurement.direction import Direction
+from systems.geometry.body_frame import body_frame
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.stack import Stack
 from systems.recorder import record

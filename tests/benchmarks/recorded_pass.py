@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.assembly.find import find
-from diagrams.catalogue import load_scenario
+from diagrams.commands.catalogue import load_scenario
 from systems.estimators.kalman import KalmanEstimator
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.base import MeasurementModel

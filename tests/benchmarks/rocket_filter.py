@@ -24,8 +24,8 @@ from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.state import GaussianState
 from stonesoup.updater.kalman import UnscentedKalmanUpdater
 
-from diagrams.catalogue import load_scenario
-from diagrams.launch import rocket_model, station_positions
+from diagrams.commands.catalogue import load_scenario
+from diagrams.parts.launch import rocket_model, station_positions
 from systems.filters.unscented import UnscentedKalman
 from systems.filters.whitening import Whitener
 from systems.measurement.range_rate import RangeRate

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.angles.phase import InterferometerPhase
 from systems.constants import SPEED_OF_LIGHT
 from systems.measurement.fdoa import Fdoa
-from systems.measurement.phase import InterferometerPhase
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 

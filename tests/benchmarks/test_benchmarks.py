@@ -17,7 +17,7 @@ from stonesoup.types.state import ParticleState
 
 from systems.constants import SPEED_OF_LIGHT
 from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.measurement.body_frame import body_frame
+from systems.geometry.body_frame import body_frame
 from systems.measurement.stack import Stack
 from tests.benchmarks.__main__ import main
 from tests.benchmarks.agreement import agreement

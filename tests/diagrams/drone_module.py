@@ -11,13 +11,13 @@ from diagrams.assembly.model import Assumed, Model
 from diagrams.parts.movers import ModelTarget, Platforms
 from diagrams.parts.sensing import TargetSensor
 from systems.clocks import Periodic
-from systems.estimators.ekf import Ekf
-from systems.estimators.iekf import Iekf
-from systems.estimators.start import GivenStart
 from systems.measurement.base import MeasurementModel
 from systems.motion.constant_velocity import ConstantVelocity
+from systems.options.ekf import Ekf
+from systems.options.iekf import Iekf
 from systems.registry import estimator_options
 from systems.signals import Constant
+from systems.starts.start import GivenStart
 
 PLACES = [[0.0, 0, 0], [9e3, -1e3, 0], [2e3, 9e3, 50], [-5e3, 4e3, 900]]
 Estimators = estimator_options()

@@ -10,11 +10,11 @@ from diagrams.assembly.system import System
 from diagrams.parts.movers import ModelTarget, Platforms
 from diagrams.parts.sensing import TargetSensor
 from systems.clocks import Periodic
-from systems.estimators.iekf import Iekf
-from systems.estimators.start import GivenStart
 from systems.measurement.base import MeasurementModel
 from systems.motion.stationary import Stationary
+from systems.options.iekf import Iekf
 from systems.signals import Constant
+from systems.starts.start import GivenStart
 
 POSITION = (3e3, 4e3)
 STATIONS = np.array([[[0.0, 0, 0, 0, 0, 0], [9e3, -1e3, 0, 0, 0, 0], [2e3, 9e3, 0, 0, 0, 0]]])

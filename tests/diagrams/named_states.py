@@ -10,11 +10,11 @@ from diagrams.parts.movers import ModelTarget, Platforms
 from diagrams.parts.sensing import TargetSensor
 from systems.clocks import Periodic
 from systems.estimators.kalman import KalmanEstimator
-from systems.estimators.start import GivenStart
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.base import MeasurementModel
 from systems.motion.base import MotionModel
 from systems.signals import Constant
+from systems.starts.start import GivenStart
 
 TRUTH = ("x", "vx", "y", "vy")
 STATES = {

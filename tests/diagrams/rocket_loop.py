@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from diagrams.catalogue import load_scenario
-from diagrams.launch import launch_site, rocket_model
+from diagrams.commands.catalogue import load_scenario
+from diagrams.parts.launch import launch_site, rocket_model
 from systems.filters.unscented import UnscentedKalman
 from systems.filters.whitening import Whitener
 from systems.measurement.base import MeasurementModel

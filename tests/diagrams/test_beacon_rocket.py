@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from diagrams.catalogue import variants
-from diagrams.errors import UserError
-from diagrams.metrics import summarise
-from diagrams.study import Study, run_study
+from diagrams.commands.catalogue import variants
+from diagrams.schema.errors import UserError
+from diagrams.statistics.metrics import summarise
+from diagrams.studies.study import Study, run_study
 from systems.filters.common_mode import CommonModeMonitor
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.range_rate import RangeRate

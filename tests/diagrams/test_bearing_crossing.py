@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from diagrams.bearings_file import read_bearings
-from diagrams.catalogue import load_scenario
-from diagrams.errors import UserError
-from diagrams.metrics import summarise
-from diagrams.posterior_bound import posterior_bound
-from diagrams.replay import replay
-from diagrams.state_errors import errors
-from diagrams.study import Study, run_study
-from systems.measurement.bearing import Bearing
+from diagrams.commands.catalogue import load_scenario
+from diagrams.commands.replay import replay
+from diagrams.readers.bearings_file import read_bearings
+from diagrams.schema.errors import UserError
+from diagrams.statistics.metrics import summarise
+from diagrams.statistics.posterior_bound import posterior_bound
+from diagrams.statistics.state_errors import errors
+from diagrams.studies.study import Study, run_study
+from systems.angles.bearing import Bearing
 from systems.motion.constant_velocity import ConstantVelocity
 from tests.fitting import check_fits
 
@@ -117,7 +117,7 @@ def test_across_180_degrees_nothing_changes():
 def test_a_moving_target_is_observable_only_after_the_turn():
     """The bound without prior knowledge: range and speed cannot be told apart on one leg (a ratio of thousands)."""
     study = Study("bearing_crossing:manoeuvre", trials=1, estimators=["ekf"])
-    from diagrams.bearing_crossing_models import observer_path, target_state
+    from diagrams.library.models.bearing_crossing import observer_path, target_state
 
     times = np.arange(1001.0)
     motion = ConstantVelocity(0.0, 2)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from diagrams import bearings as module
-from diagrams import bearings_report
-from diagrams.bearings import Settings, declare_bearings
-from diagrams.bearings_file import Bearings
-from diagrams.replay import replay
+from diagrams.commands.replay import replay
+from diagrams.readers.bearings_file import Bearings
+from diagrams.recorded import bearings as module
+from diagrams.recorded.bearings import Settings, declare_bearings
+from diagrams.recorded.reports import bearings_report
 from systems.fixes import von_mises
 from systems.fixes.bearing_belief import BearingCost, believable, edge, small_sample_coverage
 from systems.fixes.von_mises import sample, weighted_fix

@@ -11,13 +11,13 @@ from diagrams import (
     three_satellite_models,
 )
 from diagrams.assembly.find import find, systems
-from diagrams.catalogue import load_scenario
+from diagrams.commands.catalogue import load_scenario
+from diagrams.commands.mapping import print_map
 from diagrams.figures.gdop import draw_gdop
-from diagrams.launch import vehicle_block
 from diagrams.maps.bounds import last_bound, map_bounds
-from diagrams.maps.command import print_map
-from diagrams.posterior_bound import posterior_bound
-from diagrams.study import run_study
+from diagrams.parts.launch import vehicle_block
+from diagrams.statistics.posterior_bound import posterior_bound
+from diagrams.studies.study import run_study
 from tests.diagrams.test_command_line import in_process
 from tests.fitting import check_fits
 

@@ -5,23 +5,23 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.assembly.find import find
-from diagrams.bounds import BoundSums, StudyBounds, bound_squares
-from diagrams.catalogue import load_scenario
-from diagrams.posterior_bound import posterior_bound
-from diagrams.three_satellite_models import satellite_states, target_state
+from diagrams.commands.catalogue import load_scenario
+from diagrams.library.models.three_satellite import satellite_states, target_state
+from diagrams.statistics.bounds import BoundSums, StudyBounds, bound_squares
+from diagrams.statistics.posterior_bound import posterior_bound
+from systems.angles.phase import InterferometerPhase
 from systems.counting import counting
+from systems.earth.frames import inertial_to_earth_fixed
+from systems.earth.geodetic import course_speed, geodetic_state, up
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.whitening import Whitener
-from systems.frames import inertial_to_earth_fixed
-from systems.geodetic import course_speed, geodetic_state, up
 from systems.measurement.base import MeasurementModel
 from systems.measurement.fdoa import Fdoa
-from systems.measurement.phase import InterferometerPhase
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.constant_velocity import ConstantVelocity
-from systems.motion.great_circle import straight_line
 from systems.plants.orbit import DenseOrbit
+from systems.trajectories.great_circle import straight_line
 
 
 class Linear(MeasurementModel):

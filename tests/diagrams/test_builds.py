@@ -5,10 +5,10 @@ import re
 import pytest
 
 from diagrams import figures
-from diagrams.catalogue import load_scenario
-from diagrams.command_line import main
-from diagrams.drawing import diagram_dot
-from diagrams.study import Study, run_study
+from diagrams.assembly.drawing import diagram_dot
+from diagrams.commands.catalogue import load_scenario
+from diagrams.commands.command_line import main
+from diagrams.studies.study import Study, run_study
 from diagrams.verification.verify import verify
 from systems.counting import counting
 

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import command_line
-from diagrams.drawing import is_drawing
-from diagrams.results import open_result
+from diagrams.assembly.drawing import is_drawing
+from diagrams.commands import command_line
+from diagrams.studies.results import open_result
 from tests.interrupts import listening
 
-QUIETFIX = [sys.executable, "-m", "diagrams.command_line"]
+QUIETFIX = [sys.executable, "-m", "diagrams.commands.command_line"]
 PROJECT = Path(__file__).parents[2]
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(PROJECT), "PYTHONUNBUFFERED": "1"}
 SHORT = ["--set", "duration_s=10"]
@@ -40,7 +40,10 @@ def test_help_and_version(capsys):
     status, out, _ = in_process(capsys, "--help")
     assert status == 0 and "Exit status" in out and "replay" in out
     # Help must not load what takes long to load.
-    probe = "import sys, diagrams.command_line; print([m for m in ('pydrake', 'numpy', 'xarray') if m in sys.modules])"
+    probe = (
+        "import sys, diagrams.commands.command_line; "
+        "print([m for m in ('pydrake', 'numpy', 'xarray') if m in sys.modules])"
+    )
     command = [sys.executable, "-c", probe]
     found = subprocess.run(command, capture_output=True, text=True, check=True, env=ENVIRONMENT)
     assert found.stdout.strip() == "[]"

@@ -10,16 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import command_line, run_study
-from diagrams.bootstrap import PairedBootstrap, interval
-from diagrams.candidates import STANDARD, line_up
-from diagrams.catalogue import load_scenario
-from diagrams.compare import compare
-from diagrams.compared_study import ComparedStudy
-from diagrams.errors import UserError
-from diagrams.metrics import armse, rmse
-from diagrams.state_errors import errors
-from diagrams.study import join
+from diagrams import run_study
+from diagrams.commands import command_line
+from diagrams.commands.catalogue import load_scenario
+from diagrams.experiments.candidates import STANDARD, line_up
+from diagrams.experiments.compare import compare
+from diagrams.experiments.compared_study import ComparedStudy
+from diagrams.schema.errors import UserError
+from diagrams.statistics.bootstrap import PairedBootstrap, interval
+from diagrams.statistics.metrics import armse, rmse
+from diagrams.statistics.state_errors import errors
+from diagrams.studies.study import join
 from systems.registry import ESTIMATORS
 
 SHORT = {
@@ -277,7 +278,7 @@ def test_full_size_by_the_installed_command(tmp_path):
     """100 trials of the default system in a separate process; the three full filters are alike, fewer rows worse."""
     project = Path(__file__).parents[2]
     done = subprocess.run(
-        [sys.executable, "-m", "diagrams.command_line", "compare", "three_satellite", "--out", "made"],
+        [sys.executable, "-m", "diagrams.commands.command_line", "compare", "three_satellite", "--out", "made"],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(project)},
         capture_output=True,

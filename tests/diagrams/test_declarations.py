@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
-from diagrams.new import new_files
-from diagrams.study import Study
+from diagrams.commands.new import new_files
+from diagrams.studies.study import Study
 from tests.diagrams.test_command_line import in_process
 
 SOURCE = new_files("mine", python=True)["mine.py"]

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams import bearing_crossing, satellite_ranging, three_satellite
 from diagrams.assembly.build import build
-from diagrams.bounds import StudyBounds
-from diagrams.catalogue import load_scenario
-from diagrams.errors import UserError
+from diagrams.commands.catalogue import load_scenario
+from diagrams.commands.mapping import bound_maps, map_figures
 from diagrams.figures import gdop
+from diagrams.library import bearing_crossing, satellite_ranging, three_satellite
 from diagrams.maps.bounds import map_bounds
 from diagrams.maps.charts import chart_of
-from diagrams.maps.command import bound_maps, map_figures
 from diagrams.maps.default import default_maps, recorded_course
 from diagrams.parts.movers import Emitter, ModelTarget
 from diagrams.parts.sensing import TargetSensor
-from systems.geodetic import course_speed, ecef_to_geodetic
-from systems.motion.gravity import GravityConstants
+from diagrams.schema.errors import UserError
+from diagrams.statistics.bounds import StudyBounds
+from systems.earth.geodetic import course_speed, ecef_to_geodetic
 from systems.motion.orbital import OrbitalMotion
+from systems.trajectories.gravity import GravityConstants
 from tests.diagrams import flat_plane, named_states
 from tests.fitting import check_fits
 

@@ -6,9 +6,9 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from diagrams.drawing import diagram_dot, draw, find_graphviz
-from diagrams.errors import UserError
-from diagrams.study import Study
+from diagrams.assembly.drawing import diagram_dot, draw, find_graphviz
+from diagrams.schema.errors import UserError
+from diagrams.studies.study import Study
 
 SVG = "{http://www.w3.org/2000/svg}"
 

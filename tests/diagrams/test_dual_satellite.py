@@ -5,14 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from diagrams import formation, run_study
-from diagrams.catalogue import load_scenario
-from diagrams.dual_satellite_models import delay_doppler_sigmas, models, target_state
-from diagrams.dual_satellite_scenario import Truth
-from diagrams.errors import UserError
-from diagrams.metrics import summarise
-from systems.frames import inertial_to_earth_fixed
-from systems.measurement.geometry import line_of_sight
+from diagrams import run_study
+from diagrams.commands.catalogue import load_scenario
+from diagrams.library.fields.dual_satellite import Truth
+from diagrams.library.models.dual_satellite import delay_doppler_sigmas, models, target_state
+from diagrams.parts import formation
+from diagrams.schema.errors import UserError
+from diagrams.statistics.metrics import summarise
+from systems.earth.frames import inertial_to_earth_fixed
+from systems.geometry.lines_of_sight import line_of_sight
 
 # Truth that moves as the filters believe, its velocity drawn from their prior.
 BAYES = {"truth.motion": "!RandomAcceleration {sigma_velocity_mps: 200}"}

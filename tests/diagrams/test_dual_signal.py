@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from diagrams import run_study
-from diagrams.catalogue import load_scenario
-from diagrams.dual_satellite_models import models
-from diagrams.dual_signal import QUALITY, predicted_sigmas
-from diagrams.errors import UserError
-from diagrams.study import Study
+from diagrams.commands.catalogue import load_scenario
+from diagrams.library.models.dual_satellite import models
+from diagrams.parts.dual_signal import QUALITY, predicted_sigmas
+from diagrams.schema.errors import UserError
+from diagrams.studies.study import Study
 from systems.ambiguity.differences import Flag
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.whitening import Whitener

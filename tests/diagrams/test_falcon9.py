@@ -5,9 +5,9 @@ import shutil
 import numpy as np
 import pytest
 
-from diagrams.errors import UserError
-from diagrams.falcon9 import falcon9_flight
-from diagrams.study import Study, run_study
+from diagrams.readers.falcon9 import falcon9_flight
+from diagrams.schema.errors import UserError
+from diagrams.studies.study import Study, run_study
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from diagrams.assembly.frame import EARTH_FIXED
 from diagrams.figures import study_figures
 from diagrams.figures.consistency import draw_consistency
 from diagrams.figures.convergence import draw_convergence
@@ -10,10 +9,11 @@ from diagrams.figures.errors import draw_error
 from diagrams.figures.ground import draw_ground
 from diagrams.figures.particles import draw_particle_health, particle_filters
 from diagrams.figures.style import looks
-from diagrams.metrics import convergence_time, rmse
-from diagrams.state_errors import BOUNDS, errors
-from systems.geodetic import geodetic_state
-from systems.motion.great_circle import straight_line
+from diagrams.quantities.frame import EARTH_FIXED
+from diagrams.statistics.metrics import convergence_time, rmse
+from diagrams.statistics.state_errors import BOUNDS, errors
+from systems.earth.geodetic import geodetic_state
+from systems.trajectories.great_circle import straight_line
 from tests.diagrams.results import result
 
 ALL = {

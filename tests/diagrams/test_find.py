@@ -14,11 +14,11 @@ from pydrake.systems.framework import DiagramBuilder
 
 from diagrams import System, find, load_scenario, run_study
 from diagrams.assembly import find as finding
-from diagrams.compare import compare
-from diagrams.errors import UserError
-from diagrams.observability import observe
-from diagrams.results import open_result
-from diagrams.sweep import sweep
+from diagrams.experiments.compare import compare
+from diagrams.experiments.observability import observe
+from diagrams.experiments.sweep import sweep
+from diagrams.schema.errors import UserError
+from diagrams.studies.results import open_result
 from systems.signals import Draw, set_draw
 from tests.diagrams.drone_module import DRONE, Scenario
 from tests.diagrams.test_command_line import in_process
@@ -35,7 +35,7 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "mine.py").write_text(SOURCE, encoding="utf-8")
     # pictures take seconds, and are those of every system
-    for drawing in ("diagrams.running._illustrate", "diagrams.figures.gdop.draw_gdop"):
+    for drawing in ("diagrams.commands.running._illustrate", "diagrams.figures.gdop.draw_gdop"):
         monkeypatch.setattr(drawing, lambda *arguments: None)
     before = set(sys.modules)
     yield tmp_path

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagrams.assembly.frame import EARTH_FIXED, FRAMES, INERTIAL, LAUNCH, LOCAL, as_frame, frame_of
-from diagrams.errors import UserError
 from diagrams.figures.ground import draw_ground, has_ground
-from diagrams.metrics import summarise
-from systems.geodetic import geodetic_state, geodetic_to_ecef
+from diagrams.quantities.frame import EARTH_FIXED, FRAMES, INERTIAL, LAUNCH, LOCAL, as_frame, frame_of
+from diagrams.schema.errors import UserError
+from diagrams.statistics.metrics import summarise
+from systems.earth.geodetic import geodetic_state, geodetic_to_ecef
 from tests.diagrams import flat_plane
 from tests.diagrams.results import result
 

@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from diagrams.catalogue import load_scenario
-from diagrams.errors import UserError
+from diagrams.commands.catalogue import load_scenario
+from diagrams.commands.mapping import map_figures
 from diagrams.figures.gdop import draw_gdop
+from diagrams.library.models.three_satellite import bound_map, measurement_sets, models
+from diagrams.library.three_satellite import SYSTEM
 from diagrams.maps.bounds import last_bound, map_bounds
-from diagrams.maps.command import map_figures
 from diagrams.maps.ground import GroundPrior, ground_areas, ground_grid, ground_map
-from diagrams.three_satellite import SYSTEM
-from diagrams.three_satellite_models import bound_map, measurement_sets, models
-from systems.geodetic import ecef_to_geodetic
+from diagrams.schema.errors import UserError
+from systems.earth.geodetic import ecef_to_geodetic
 from systems.measurement.stack import Stack
 from tests.fitting import check_fits
 

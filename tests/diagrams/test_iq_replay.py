@@ -7,13 +7,13 @@ import pytest
 import sigmf
 from numpy.testing import assert_allclose
 
-from diagrams.command_line import main
-from diagrams.errors import UserError
-from diagrams.iq import declare_recordings
-from diagrams.iq_settings import Settings
-from diagrams.marker import MARKER
-from diagrams.replay import replay
-from diagrams.sigmf_file import read_sigmf
+from diagrams.commands.command_line import main
+from diagrams.commands.replay import replay
+from diagrams.readers.sigmf_file import read_sigmf
+from diagrams.recorded.iq import declare_recordings
+from diagrams.recorded.settings.iq_settings import Settings
+from diagrams.schema.errors import UserError
+from diagrams.studies.marker import MARKER
 from tests.fitting import check_fits
 from tests.golden.recordings import report_of
 

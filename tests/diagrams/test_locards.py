@@ -9,26 +9,26 @@ import shutil
 import numpy as np
 import pytest
 
-from diagrams import runs
-from diagrams.data import data_folder
-from diagrams.epochs import from_the_end
-from diagrams.errors import UserError
-from diagrams.locards import SOURCE, Settings, declare_sets, recording, split
-from diagrams.locards_data import LocardsSet, read_receivers, read_sets
-from diagrams.locards_report import LocardsReport
-from diagrams.locards_scores import Scores, headings
-from diagrams.locards_sigma import residual_sigma
-from diagrams.marker import MARKER
-from diagrams.metrics import summarise
-from diagrams.replay import replay
-from diagrams.results import open_result
-from diagrams.state_errors import errors
-from diagrams.store import append
-from diagrams.study import Study, join
+from diagrams.commands.replay import replay
+from diagrams.readers.data import data_folder
+from diagrams.readers.locards_data import LocardsSet, read_receivers, read_sets
+from diagrams.recorded.locards import SOURCE, Settings, declare_sets, recording, split
+from diagrams.recorded.reports.locards_report import LocardsReport
+from diagrams.recorded.settings.locards_scores import Scores, headings
+from diagrams.recorded.settings.locards_sigma import residual_sigma
+from diagrams.schema.errors import UserError
+from diagrams.statistics.epochs import from_the_end
+from diagrams.statistics.metrics import summarise
+from diagrams.statistics.state_errors import errors
+from diagrams.studies import runs
+from diagrams.studies.marker import MARKER
+from diagrams.studies.results import open_result
+from diagrams.studies.store import append
+from diagrams.studies.study import Study, join
 from systems.constants import SPEED_OF_LIGHT
+from systems.earth.geodetic import ecef_to_geodetic, geodetic_state, geodetic_to_ecef
 from systems.estimators.arrival_gate import KEPT
-from systems.geodetic import ecef_to_geodetic, geodetic_state, geodetic_to_ecef
-from systems.measurement.refractivity import mean_refractivity
+from systems.geometry.refractivity import mean_refractivity
 from systems.sensors.recorded import Recording
 from systems.signals import leaf_systems
 from tests.fitting import check_fits

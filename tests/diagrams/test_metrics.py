@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from diagrams.consistency import chi_square_band, nees_statistics, nis_statistics
-from diagrams.metrics import (
+from diagrams.statistics.consistency import chi_square_band, nees_statistics, nis_statistics
+from diagrams.statistics.metrics import (
     armse,
     convergence_time,
     diverged,
@@ -14,8 +14,8 @@ from diagrams.metrics import (
     rmse,
     summarise,
 )
-from diagrams.state_errors import errors
-from systems.geodetic import ecef_to_geodetic, enu_rotation, geodetic_state
+from diagrams.statistics.state_errors import errors
+from systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_state
 from tests.diagrams.results import level_flight, result
 
 

@@ -9,16 +9,16 @@ import pytest
 import zarr
 
 from diagrams import run_study
-from diagrams.errors import UserError
+from diagrams.experiments.sweep import Sweep
 from diagrams.maps.bounds import map_bounds
 from diagrams.maps.default import default_maps
-from diagrams.metrics import causal
-from diagrams.output import OutputFolder
-from diagrams.rerun import ask_again
-from diagrams.result_schema import SCHEMA_VERSION
-from diagrams.results import open_result
-from diagrams.study import Study
-from diagrams.sweep import Sweep
+from diagrams.schema.errors import UserError
+from diagrams.statistics.metrics import causal
+from diagrams.studies.output import OutputFolder
+from diagrams.studies.rerun import ask_again
+from diagrams.studies.result_schema import SCHEMA_VERSION
+from diagrams.studies.results import open_result
+from diagrams.studies.study import Study
 from tests.diagrams.drone_module import DRONE
 
 OWN = Path(__file__).parents[1] / "own"

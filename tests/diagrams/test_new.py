@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from diagrams import new, run_study
+from diagrams import run_study
 from diagrams.assembly.find import RECORDINGS
-from diagrams.command_line import app
-from diagrams.scenario import read_yaml
-from diagrams.verification.command import verify_command
+from diagrams.commands import new
+from diagrams.commands.command_line import app
+from diagrams.commands.verifying import verify_command
+from diagrams.schema.scenario import read_yaml
 from diagrams.verification.specification import read_specification
 from tests.diagrams.test_command_line import in_process
 from tests.test_readme import BLOCKS

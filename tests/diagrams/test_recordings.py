@@ -8,14 +8,14 @@ from typer.testing import CliRunner
 
 from diagrams import run_study
 from diagrams.assembly.find import RECORDINGS, find
-from diagrams.command_line import app, main
-from diagrams.compare import compare
-from diagrams.epochs import from_the_end
-from diagrams.errors import UserError
-from diagrams.rerun import ask_again
-from diagrams.results import open_result
-from diagrams.state_errors import errors
-from diagrams.study import Study, join
+from diagrams.commands.command_line import app, main
+from diagrams.experiments.compare import compare
+from diagrams.schema.errors import UserError
+from diagrams.statistics.epochs import from_the_end
+from diagrams.statistics.state_errors import errors
+from diagrams.studies.rerun import ask_again
+from diagrams.studies.results import open_result
+from diagrams.studies.study import Study, join
 
 ROBUST = """
 from systems.estimators.kalman import KalmanEstimator
@@ -141,10 +141,10 @@ import numpy as np
 from diagrams import Source, System
 from diagrams.assembly.model import Assumed, Model
 from diagrams.assembly.recorded import Recorded
-from diagrams.data import data_folder
+from diagrams.readers.data import data_folder
 from diagrams.parts.recorded import RecordedStream
 from systems.documented import documented, text
-from systems.estimators.start import GivenStart
+from systems.starts.start import GivenStart
 from systems.registry import estimator_options
 from systems.sensors.recorded import Recording
 

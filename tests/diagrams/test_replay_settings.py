@@ -5,13 +5,13 @@ import shutil
 import pytest
 from typer.testing import CliRunner
 
-from diagrams.command_line import app
-from diagrams.data import data_folder
-from diagrams.doptrack import SOURCE as DOPTRACK
-from diagrams.errors import UserError
-from diagrams.locards import SOURCE as LOCARDS
-from diagrams.recordings import recording_settings
-from diagrams.replay import replay
+from diagrams.commands.command_line import app
+from diagrams.commands.replay import replay
+from diagrams.readers.data import data_folder
+from diagrams.recorded.doptrack import SOURCE as DOPTRACK
+from diagrams.recorded.locards import SOURCE as LOCARDS
+from diagrams.schema.errors import UserError
+from diagrams.studies.recordings import recording_settings
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,14 @@ import sys
 import numpy as np
 import pytest
 
-from diagrams import load_scenario, run_study, satellite_ranging_models
-from diagrams.consistency import nees_statistics
-from diagrams.errors import UserError
-from diagrams.metrics import armse, convergence_time, diverged, median, rmse, summarise
-from diagrams.state_errors import errors
-from diagrams.study import Study
-from systems.estimators.ekf import Ekf
+from diagrams import load_scenario, run_study
+from diagrams.library.models import satellite_ranging as satellite_ranging_models
+from diagrams.schema.errors import UserError
+from diagrams.statistics.consistency import nees_statistics
+from diagrams.statistics.metrics import armse, convergence_time, diverged, median, rmse, summarise
+from diagrams.statistics.state_errors import errors
+from diagrams.studies.study import Study
+from systems.options.ekf import Ekf
 from systems.plants.recorded import hermite
 from systems.sensors.preview import Preview
 from tests.systems.ranging_scene import EARTH, OBSERVER, PRIOR, SIGMAS, TARGET

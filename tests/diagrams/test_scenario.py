@@ -6,9 +6,9 @@ import pytest
 
 from diagrams.assembly.find import find, systems
 from diagrams.assembly.lineup import select_estimators
-from diagrams.catalogue import load_scenario, variants
-from diagrams.errors import UserError
-from diagrams.scenario import dump, read_yaml
+from diagrams.commands.catalogue import load_scenario, variants
+from diagrams.schema.errors import UserError
+from diagrams.schema.scenario import dump, read_yaml
 
 EVERY = [(name, variant) for name in systems() for variant in [None, *variants(name)]]
 

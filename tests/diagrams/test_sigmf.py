@@ -9,11 +9,11 @@ import pytest
 import sigmf
 from numpy.testing import assert_allclose, assert_array_equal
 
-from diagrams.errors import UserError
-from diagrams.iq import declare_recordings
-from diagrams.iq_settings import Settings
-from diagrams.replay import replay
-from diagrams.sigmf_file import read_sigmf
+from diagrams.commands.replay import replay
+from diagrams.readers.sigmf_file import read_sigmf
+from diagrams.recorded.iq import declare_recordings
+from diagrams.recorded.settings.iq_settings import Settings
+from diagrams.schema.errors import UserError
 from tests.golden.recordings import report_of
 
 RATE, SIZE, DELAY = 1e6, 40_000, 12.3e-6

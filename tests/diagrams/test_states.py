@@ -6,15 +6,15 @@ import warnings
 import numpy as np
 import pytest
 
-from diagrams.bounds import bound_squares
-from diagrams.consistency import nees_statistics
-from diagrams.errors import UserError
 from diagrams.figures.consistency import draw_consistency
 from diagrams.figures.ground import draw_ground
-from diagrams.metrics import rmse, summarise
-from diagrams.state_errors import axis_errors, errors
-from diagrams.states import CarriedMotion, block, columns, translated
-from diagrams.study import Study, run_study
+from diagrams.quantities.states import CarriedMotion, block, columns, translated
+from diagrams.schema.errors import UserError
+from diagrams.statistics.bounds import bound_squares
+from diagrams.statistics.consistency import nees_statistics
+from diagrams.statistics.metrics import rmse, summarise
+from diagrams.statistics.state_errors import axis_errors, errors
+from diagrams.studies.study import Study, run_study
 from diagrams.verification.study_view import StudyFacts
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.motion.pass_oscillator import PassOscillator

@@ -7,10 +7,10 @@ import pytest
 import xarray as xr
 
 from diagrams import run_study
-from diagrams.errors import UserError
-from diagrams.output import OutputFolder
-from diagrams.results import open_result
-from diagrams.study import Study
+from diagrams.schema.errors import UserError
+from diagrams.studies.output import OutputFolder
+from diagrams.studies.results import open_result
+from diagrams.studies.study import Study
 
 SHORT = ["duration_s=20"]
 
@@ -138,7 +138,7 @@ def test_folder_with_other_content_is_left_alone(tmp_path):
         ({"keep": "everything"}, "keep: everything"),
         ({"estimators": ["nobody"]}, "estimator: nobody"),
         ({"estimators": ["no.such.module:Thing"]}, "no.such.module"),
-        ({"estimators": ["diagrams.errors:UserError"]}, "a subclass of"),
+        ({"estimators": ["diagrams.schema.errors:UserError"]}, "a subclass of"),
         ({"set": ["satellites=[]"]}, "satellites: 0 are given"),
         ({"set": ["truth.cross_km=4000"]}, "below 0 deg elevation"),
         ({"set": ["satellites.0.across_km=0", "belief.start=closed_form"]}, "belief.start: closed_form"),

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from diagrams import run_study
-from diagrams.catalogue import load_scenario
-from diagrams.metrics import summarise
-from diagrams.study import Study
-from diagrams.three_satellite_models import satellite_states
+from diagrams.commands.catalogue import load_scenario
+from diagrams.library.models.three_satellite import satellite_states
+from diagrams.statistics.metrics import summarise
+from diagrams.studies.study import Study
 
 PLACES = [(0, 50), (0, 300), (150, -500), (-300, 700)]
 # Reference: position, height [m] and speed [m/s] of all six measurements at 150 s.

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from diagrams import run_study
-from diagrams.output import OutputFolder
-from diagrams.results import open_result
-from diagrams.study import Study
+from diagrams.studies.output import OutputFolder
+from diagrams.studies.results import open_result
+from diagrams.studies.study import Study
 
 CASES = {
     "random truth": ("three_satellite", {"truth.motion": "!RandomAcceleration {}", "duration_s": 3}),

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from diagrams.assembly.lineup import select_estimators
-from diagrams.catalogue import load_scenario
-from diagrams.comparing import compare_command
-from diagrams.errors import UserError
-from diagrams.output import OutputFolder
-from diagrams.study import run_study
+from diagrams.commands.catalogue import load_scenario
+from diagrams.commands.comparing import compare_command
+from diagrams.schema.errors import UserError
+from diagrams.studies.output import OutputFolder
+from diagrams.studies.study import run_study
 from diagrams.verification.verify import verify
 
 FILTERS = """
@@ -114,7 +114,7 @@ def test_a_requirement_is_about_one_estimator(tmp_path, second, said):
 
 
 def test_compare_sees_every_folder_and_repetition_before_it_runs(tmp_path, monkeypatch):
-    monkeypatch.setattr("diagrams.comparing.prepare", lambda *a, **k: pytest.fail("it ran"))
+    monkeypatch.setattr("diagrams.commands.comparing.prepare", lambda *a, **k: pytest.fail("it ran"))
     with OutputFolder(tmp_path / "bearing_crossing") as folder:
         folder.finish()
     with pytest.raises(UserError, match="holds an earlier result"):
@@ -145,8 +145,8 @@ def test_files_of_the_same_name_beside_two_requirements_files_are_two(tmp_path):
 
 
 def test_lost_trials_make_the_nees_infinite():
-    from diagrams.compare import compare
-    from diagrams.comparing import comparison_table
+    from diagrams.commands.comparing import comparison_table
+    from diagrams.experiments.compare import compare
 
     found = compare(
         "three_satellite", estimators=["iekf", "wrong_filters:HalfLost"], trials=6, set=["duration_s=3"], seed=1

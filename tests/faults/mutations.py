@@ -114,7 +114,7 @@ def written(data):
 
 
 def command(*arguments):
-    from diagrams.command_line import main
+    from diagrams.commands.command_line import main
 
     main([str(one) for one in arguments])
 
@@ -123,9 +123,9 @@ SYSTEMS = ["three_satellite", "bearing_crossing", "beacon_rocket", "satellite_ra
 
 
 def scenario(rng, folder):
-    from diagrams.catalogue import load_scenario
-    from diagrams.scenario import dump
-    from diagrams.yaml_text import load_yaml
+    from diagrams.commands.catalogue import load_scenario
+    from diagrams.schema.scenario import dump
+    from diagrams.schema.yaml_text import load_yaml
 
     name = rng.choice(SYSTEMS)
     data = load_yaml(dump(load_scenario(name), comments=False))
@@ -179,7 +179,7 @@ def bearings(rng, folder):
 
 
 def locards(rng, folder):
-    from diagrams.locards_data import read_sets
+    from diagrams.readers.locards_data import read_sets
 
     sensors = "serial,latitude,longitude,height\n1,50,8,100\n2,50.5,8.5,200\n3,50.2,8.9,150\n"
     head = "aircraft,latitude,longitude,baroAltitude,geoAltitude,measurements\n"
@@ -211,7 +211,7 @@ META = {
 
 
 def sigmf(rng, folder):
-    from diagrams.sigmf_file import read_sigmf
+    from diagrams.readers.sigmf_file import read_sigmf
 
     np.zeros(16, np.complex64).tofile(folder / "a.sigmf-data")
     text = json.dumps(spoil(META, rng)).encode()

@@ -6,13 +6,13 @@ import sys
 
 import pytest
 
-from diagrams.catalogue import load_scenario
-from diagrams.errors import UserError
-from diagrams.marker import MARKER
-from diagrams.output import OutputFolder
-from diagrams.rerun import ask_again
-from diagrams.results import open_result
-from diagrams.study import Study
+from diagrams.commands.catalogue import load_scenario
+from diagrams.schema.errors import UserError
+from diagrams.studies.marker import MARKER
+from diagrams.studies.output import OutputFolder
+from diagrams.studies.rerun import ask_again
+from diagrams.studies.results import open_result
+from diagrams.studies.study import Study
 from tests.faults.tree import quietfix
 
 SPY = """
@@ -137,7 +137,7 @@ def test_what_a_user_names_himself_needs_no_trust(copy, tmp_path, capsys, monkey
 
 
 def test_a_result_runs_again_into_itself(copy, capsys, monkeypatch):
-    monkeypatch.setattr("diagrams.running._illustrate", lambda *arguments: None)
+    monkeypatch.setattr("diagrams.commands.running._illustrate", lambda *arguments: None)
     assert quietfix("run", "--from", "copy", "--out", "copy") == 2
     before = open_result("copy")["estimate"].load()
     assert quietfix("run", "--from", "copy", "--out", "copy", "--overwrite") == 0, capsys.readouterr().err

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from diagrams.assembly.find import find
-from diagrams.catalogue import load_scenario
-from diagrams.command_line import main
-from diagrams.errors import UserError, one_line
-from diagrams.scenario import dump, load, read_yaml
-from diagrams.study import run_study
+from diagrams.commands.catalogue import load_scenario
+from diagrams.commands.command_line import main
+from diagrams.schema.errors import UserError, one_line
+from diagrams.schema.scenario import dump, load, read_yaml
+from diagrams.studies.study import run_study
 from systems.files import Unreadable, read_bytes, read_text
 
 RUN = {"trials": 2, "set": {"duration_s": 2}}

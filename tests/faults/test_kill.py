@@ -10,10 +10,10 @@ import warnings
 
 import pytest
 
-from diagrams.errors import UserError
-from diagrams.marker import MARKER, read_mark
-from diagrams.output import OutputFolder
-from diagrams.results import open_result
+from diagrams.schema.errors import UserError
+from diagrams.studies.marker import MARKER, read_mark
+from diagrams.studies.output import OutputFolder
+from diagrams.studies.results import open_result
 from tests.faults.tree import ShortStudy, chunk, picture, quietfix, shorten, write_result
 
 RUN = ["run", "three_satellite", "--out", "d", "--overwrite"]

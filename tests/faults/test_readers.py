@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams.bearings_file import read_bearings
-from diagrams.doptrack_data import read_passes
-from diagrams.errors import UserError
-from diagrams.falcon9 import falcon9_flight
-from diagrams.kiwisdr import read_folder
-from diagrams.locards_data import read_sets
-from diagrams.sigmf_file import read_sigmf
+from diagrams.readers.bearings_file import read_bearings
+from diagrams.readers.doptrack_data import read_passes
+from diagrams.readers.falcon9 import falcon9_flight
+from diagrams.readers.locards_data import read_sets
+from diagrams.readers.sigmf_file import read_sigmf
+from diagrams.recorded.kiwisdr import read_folder
+from diagrams.schema.errors import UserError
 from systems.plants.sp3 import read_sp3
 
 BEARINGS = "time_s,x_m,y_m,bearing_deg,sigma_deg\n0,0,0,45,1\n{},{},0,135,1\n"

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from diagrams.assembly.find import systems
-from diagrams.catalogue import variants
+from diagrams.commands.catalogue import variants
 
 __all__ = ["CASES", "Case"]
 

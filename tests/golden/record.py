@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from diagrams.study import Study, join
+from diagrams.studies.study import Study, join
 from tests.golden.cases import CASES
 
 __all__ = ["FILE", "fingerprint", "machine", "read", "write"]

@@ -10,18 +10,18 @@ from pathlib import Path
 
 import numpy as np
 
-from diagrams.bearings import Settings as BearingsSettings
-from diagrams.bearings import declare_bearings
-from diagrams.bearings_file import read_bearings
-from diagrams.doptrack import ORDERS, declare_passes
-from diagrams.doptrack import Settings as DoptrackSettings
-from diagrams.doptrack_data import read_passes
-from diagrams.kiwisdr import declare_data, read_folder
-from diagrams.kiwisdr_settings import Settings as KiwiSettings
-from diagrams.locards import Settings as LocardsSettings
-from diagrams.locards import declare_sets
-from diagrams.locards_data import read_sets
-from diagrams.study import Study, join
+from diagrams.readers.bearings_file import read_bearings
+from diagrams.readers.doptrack_data import read_passes
+from diagrams.readers.locards_data import read_sets
+from diagrams.recorded.bearings import Settings as BearingsSettings
+from diagrams.recorded.bearings import declare_bearings
+from diagrams.recorded.doptrack import ORDERS, declare_passes
+from diagrams.recorded.doptrack import Settings as DoptrackSettings
+from diagrams.recorded.kiwisdr import declare_data, read_folder
+from diagrams.recorded.locards import Settings as LocardsSettings
+from diagrams.recorded.locards import declare_sets
+from diagrams.recorded.settings.kiwisdr_settings import Settings as KiwiSettings
+from diagrams.studies.study import Study, join
 from tests.golden.record import _array, machine
 
 __all__ = ["FAST", "FILE", "SLOW", "read", "recorded_case", "report_of"]

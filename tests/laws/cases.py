@@ -9,35 +9,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from systems.angles.bearing import Bearing
+from systems.angles.direct_azimuth import DirectAzimuth
+from systems.angles.direction import Direction, DirectionCosines
+from systems.angles.horizon import HorizonBearing
+from systems.angles.phase import InterferometerPhase
+from systems.angles.relative_kinematics import ROWS, RelativeKinematics
 from systems.constants import SPEED_OF_LIGHT
-from systems.estimators.custom import Custom
-from systems.estimators.iekf import Iekf
-from systems.estimators.ukf import Ukf
+from systems.earth.frames import inertial_to_earth_fixed
+from systems.earth.geodetic import ecef_to_geodetic, geodetic_state
 from systems.filters.common_mode import CommonModeMonitor
 from systems.filters.gaussian import GaussianFilter
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.filters.modified_gain import ModifiedGainKalman
 from systems.filters.robust import StudentRows
 from systems.filters.unscented import UnscentedKalman
-from systems.frames import inertial_to_earth_fixed
-from systems.geodetic import ecef_to_geodetic, geodetic_state
+from systems.fixes.ranged_position import RangedPosition
 from systems.measurement.altitude import Altitude
-from systems.measurement.bearing import Bearing
 from systems.measurement.chosen import ChosenRows
 from systems.measurement.component import Component
 from systems.measurement.custom import CustomMeasurement
-from systems.measurement.direct_azimuth import DirectAzimuth
-from systems.measurement.direction import Direction, DirectionCosines
 from systems.measurement.distance import Range
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.frequency import Frequency
-from systems.measurement.horizon import HorizonBearing
-from systems.measurement.phase import InterferometerPhase
 from systems.measurement.position import Position
 from systems.measurement.range_rate import RangeRate
-from systems.measurement.ranged_position import RangedPosition
 from systems.measurement.received_power import ReceivedPower
-from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.azimuth_rate import AzimuthRate
@@ -46,15 +43,18 @@ from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceler
 from systems.motion.current_statistical import CurrentStatistical
 from systems.motion.custom import CustomMotion
 from systems.motion.gauss_markov import GaussMarkov
-from systems.motion.gravity import GravityConstants
-from systems.motion.kepler import KeplerElements, mean_motion, state_of
 from systems.motion.known_flight import KnownFlight
 from systems.motion.orbital import OrbitalMotion
 from systems.motion.pass_oscillator import PassOscillator
 from systems.motion.random_walk import RandomWalk
 from systems.motion.side_by_side import SideBySide
 from systems.motion.stationary import Stationary
+from systems.options.custom import Custom
+from systems.options.iekf import Iekf
+from systems.options.ukf import Ukf
 from systems.registry import ESTIMATORS, object_at
+from systems.trajectories.gravity import GravityConstants
+from systems.trajectories.kepler import KeplerElements, mean_motion, state_of
 
 # ------------------------------------------------------------------------------------------------ geometries
 

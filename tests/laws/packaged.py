@@ -6,7 +6,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.assembly.find import find, systems
 from diagrams.assembly.lineup import select_estimators
-from diagrams.catalogue import load_scenario, variants
+from diagrams.commands.catalogue import load_scenario, variants
 from systems.recorder import record
 from systems.signals import Draw, set_draw
 

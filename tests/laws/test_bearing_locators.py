@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from systems.angle_wrapping import wrap
+from systems.angles.bearing import Bearing
 from systems.clocks import Periodic, Times
 from systems.estimators.azimuth_filter import AzimuthFilter
-from systems.estimators.bearing_start import BearingStart
-from systems.estimators.crossing import Crossing
-from systems.estimators.ml import Ml
-from systems.estimators.range_bank import RangeBank
 from systems.estimators.wiring import Wiring
-from systems.measurement.bearing import Bearing
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.motion.stationary import Stationary
+from systems.options.crossing import Crossing
+from systems.options.ml import Ml
+from systems.options.range_bank import RangeBank
 from systems.registry import ESTIMATORS
+from systems.starts.bearing_start import BearingStart
 from tests.laws.cases import BEARINGS_ONLY
 from tests.laws.rig import PORTS, assert_same, make, run, textbook, with_gaps
 

@@ -6,9 +6,7 @@ import pkgutil
 
 import pytest
 
-import systems.filters
-import systems.measurement
-import systems.motion
+import systems
 from systems.estimators.base import Estimator
 from systems.filters.gaussian import GaussianFilter
 from systems.measurement.base import MeasurementModel
@@ -37,9 +35,9 @@ def parts(model):
 @pytest.mark.parametrize(
     ("package", "base", "listed"),
     [
-        (systems.measurement, MeasurementModel, set().union(*(parts(model) for model, _ in MEASUREMENTS.values()))),
-        (systems.motion, MotionModel, {type(model) for model, _ in MOTIONS.values()}),
-        (systems.filters, GaussianFilter, {type(algorithm) for algorithm in FILTERS.values()}),
+        (systems, MeasurementModel, set().union(*(parts(model) for model, _ in MEASUREMENTS.values()))),
+        (systems, MotionModel, {type(model) for model, _ in MOTIONS.values()}),
+        (systems, GaussianFilter, {type(algorithm) for algorithm in FILTERS.values()}),
     ],
     ids=["measurement", "motion", "filters"],
 )

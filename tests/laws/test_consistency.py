@@ -1,8 +1,8 @@
 """Truth that moves as the filter believes: errors are as large as the bound, and as the covariance says.
 
-The bound is written out here and shares nothing with `diagrams.bounds`: Tichavsky, Muravchik and Nehorai, *Posterior
-Cramer-Rao bounds for discrete-time nonlinear filtering*, IEEE Trans. Signal Processing 46 (1998) 1386-1396, for
-linear motion, along each trial's own truth.
+The bound is written out here and shares nothing with `diagrams.statistics.bounds`: Tichavsky,
+Muravchik and Nehorai, *Posterior Cramer-Rao bounds for discrete-time nonlinear filtering*, IEEE Trans. Signal
+Processing 46 (1998) 1386-1396, for linear motion, along each trial's own truth.
 """
 
 import numpy as np

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from systems.constants import EARTH_RATE, SPEED_OF_LIGHT
-from systems.measurement.light_time import arrival, in_orbit
-from systems.motion.gravity import GravityConstants
+from systems.geometry.light_time import arrival, in_orbit
+from systems.trajectories.gravity import GravityConstants
 from tests.laws.cases import CARRIER, EARTH_FIXED, PASS, fdoa, place, satellites, tdoa
 
 C = np.longdouble(SPEED_OF_LIGHT)

@@ -5,9 +5,9 @@ import pytest
 
 from systems.clocks import Periodic
 from systems.estimators.kalman import KalmanEstimator
-from systems.estimators.start import GivenStart
 from systems.filters.whitening import Whitener
 from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
+from systems.starts.start import GivenStart
 from tests.laws.cases import FILTERS, estimators
 from tests.laws.rig import Linear, make, run, textbook
 

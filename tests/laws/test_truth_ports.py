@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from diagrams.errors import UserError
-from diagrams.score import Score
+from diagrams.schema.errors import UserError
+from diagrams.statistics.score import Score
 from systems.clocks import Periodic
-from systems.estimators.ekf import Ekf
-from systems.estimators.start import GivenStart
 from systems.estimators.wiring import Wiring
 from systems.measurement.altitude import Altitude
 from systems.motion.constant_velocity import ConstantVelocity
+from systems.options.ekf import Ekf
 from systems.plants.emitter import StraightLine
 from systems.plants.orbit import DenseOrbit
 from systems.recorder import Recorder
 from systems.signals import leaf_systems
+from systems.starts.start import GivenStart
 from tests.laws.cases import PLACES, place
 from tests.laws.packaged import EVERYTHING, Packaged
 

@@ -8,22 +8,22 @@ from diagrams import System
 from diagrams.assembly.model import Assumed, Model
 from diagrams.parts.movers import Platforms
 from diagrams.parts.sensing import TargetSensor
+from systems.angles.bearing import Bearing
 from systems.clocks import Merged, Periodic
-from systems.estimators.ekf import Ekf
-from systems.estimators.iekf import Iekf
-from systems.estimators.start import PortStart
-from systems.estimators.ukf import Ukf
-from systems.measurement.bearing import Bearing
 from systems.measurement.component import Component
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.constant_velocity import WhiteNoiseAcceleration
-from systems.motion.waypoints import WaypointPath
+from systems.options.ekf import Ekf
+from systems.options.iekf import Iekf
+from systems.options.ukf import Ukf
 from systems.plants.joined import Joined
 from systems.plants.path import Path
 from systems.registry import estimator_options
 from systems.sensors.prior import PriorEstimate
 from systems.signals import Constant
+from systems.starts.start import PortStart
+from systems.trajectories.waypoints import WaypointPath
 
 NAMES = ("alpha", "bravo", "charlie", "delta")
 PLACES = np.array([[-8e3, -5e3, 30], [9e3, -4e3, 120], [1e3, 9e3, 60], [0, 0, 5]])

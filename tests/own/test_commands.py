@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from diagrams.results import open_result
-from diagrams.scenario import read_yaml
+from diagrams.schema.scenario import read_yaml
+from diagrams.studies.results import open_result
 from tests.diagrams.test_command_line import in_process
 
 HERE = Path(__file__).parent

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from diagrams import run_study
-from diagrams.errors import UserError
-from diagrams.new import new_files
-from diagrams.observability import observe
+from diagrams.commands.new import new_files
+from diagrams.experiments.observability import observe
+from diagrams.schema.errors import UserError
 from systems.motion.constant_velocity import WhiteNoiseAcceleration
 from systems.motion.custom import CustomMotion
 from tests.diagrams.test_command_line import in_process
@@ -348,7 +348,7 @@ def test_a_result_names_no_code_without_trust(capsys, folder, monkeypatch):
     text = (folder / "drone.yaml").read_text(encoding="utf-8")
     begin, end = text.index("target:"), text.index("sensors:")
     (folder / "mine.yaml").write_text(f"{text[:begin]}target: {custom('One')}\n{text[end:]}", encoding="utf-8")
-    monkeypatch.setattr("diagrams.running._illustrate", lambda *arguments: None)
+    monkeypatch.setattr("diagrams.commands.running._illustrate", lambda *arguments: None)
     short = ("--trials", "2", "--estimator", "ekf")
     assert in_process(capsys, "run", "mine.yaml", *short, "--set", "duration_s=5", "--out", "res")[0] == 0
     status, _, err = in_process(capsys, "run", "--from", "res", *short)

@@ -8,17 +8,17 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.errors import UserError
-from diagrams.own.movers import GreatCircle, Rocket, Waypoints
-from diagrams.own.paths import path_of
-from diagrams.own.records import Setting
 from diagrams.own.system import own_system
-from diagrams.scenario import load, read_yaml
-from systems.frames import inertial_to_earth_fixed
-from systems.geodetic import ecef_to_geodetic, enu_rotation
-from systems.motion.gravity import GravityConstants
+from diagrams.paths.functions import path_of
+from diagrams.paths.movers import GreatCircle, Rocket, Waypoints
+from diagrams.paths.records import Setting
+from diagrams.schema.errors import UserError
+from diagrams.schema.scenario import load, read_yaml
+from systems.earth.frames import inertial_to_earth_fixed
+from systems.earth.geodetic import ecef_to_geodetic, enu_rotation
 from systems.recorder import record
 from systems.signals import Draw, set_draw
+from systems.trajectories.gravity import GravityConstants
 
 HERE = Path(__file__).parent
 CONSTANTS = GravityConstants()

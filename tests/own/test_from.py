@@ -8,12 +8,12 @@ import warnings
 import pytest
 import xarray as xr
 
-from diagrams.errors import UserError
-from diagrams.marker import MARKER
-from diagrams.new import new_files
-from diagrams.output import OutputFolder
-from diagrams.rerun import ask_again
-from diagrams.study import Study
+from diagrams.commands.new import new_files
+from diagrams.schema.errors import UserError
+from diagrams.studies.marker import MARKER
+from diagrams.studies.output import OutputFolder
+from diagrams.studies.rerun import ask_again
+from diagrams.studies.study import Study
 
 TRACK = "time_s,x_m,y_m,z_m\n0,1,2,3\n200,5,6,7\n"
 MODULE = """

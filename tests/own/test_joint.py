@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from diagrams import run_study
-from diagrams.errors import UserError
-from diagrams.own.paths import paths_of
-from diagrams.own.records import Setting
 from diagrams.own.system import own_system
-from systems.motion.gravity import GravityConstants
+from diagrams.paths.functions import paths_of
+from diagrams.paths.records import Setting
+from diagrams.schema.errors import UserError
+from systems.trajectories.gravity import GravityConstants
 
 HERE = Path(__file__).parent
 FILE = HERE / "three_satellite.yaml"

@@ -8,14 +8,14 @@ from jsonschema import Draft202012Validator
 
 import diagrams
 from diagrams.assembly.find import systems
-from diagrams.command_line import main
-from diagrams.errors import UserError
-from diagrams.json_schema import schema_text
-from diagrams.own.schema import OwnScenario
-from diagrams.scenario import check, read_yaml
+from diagrams.commands.command_line import main
+from diagrams.commands.json_schema import schema_text
+from diagrams.own.fields.schema import OwnScenario
+from diagrams.schema.errors import UserError
+from diagrams.schema.scenario import check, read_yaml
 
 OWN = sorted(path for path in Path(__file__).parent.glob("*.yaml") if ".requirements" not in path.suffixes)
-PACKAGED = sorted((Path(diagrams.__file__).parent / "scenarios").glob("*.yaml"))
+PACKAGED = sorted((Path(diagrams.__file__).parent / "library" / "scenarios").glob("*.yaml"))
 
 
 def untagged(data):

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from diagrams import run_study
-from diagrams.errors import UserError
+from diagrams.commands.mapping import bound_maps
 from diagrams.maps.bounds import map_bounds
-from diagrams.maps.command import bound_maps
 from diagrams.own.system import own_system
-from systems.geodetic import ecef_to_geodetic, geodetic_to_ecef
+from diagrams.schema.errors import UserError
+from systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef
 
 HERE = Path(__file__).parent
 SHORT = {"drone.yaml": ["duration_s=12"], "geostationary.yaml": ["duration_s=20"], "three_satellite.yaml": []}

@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from diagrams import run_study
 from diagrams.assembly.find import find
-from diagrams.command_line import app
+from diagrams.commands.command_line import app
 from diagrams.own.writing import write_measurements
-from diagrams.results import open_result
+from diagrams.studies.results import open_result
 
 DRONE = Path(__file__).parent / "drone.yaml"
 FEW = {"duration_s": 30}

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from sgp4.api import Satrec
 
-from diagrams.errors import UserError
-from diagrams.instants import instant
-from diagrams.own.movers import (
+from diagrams.own.system import own_system
+from diagrams.paths.functions import ALLOWED, path_of
+from diagrams.paths.movers import (
     Fixed,
     Geodetic,
     GreatCircle,
@@ -22,15 +22,15 @@ from diagrams.own.movers import (
     Track,
     Waypoints,
 )
-from diagrams.own.paths import ALLOWED, path_of
-from diagrams.own.records import Setting, old_elements
-from diagrams.own.system import own_system
-from diagrams.scenario import load, read_yaml
+from diagrams.paths.records import Setting, old_elements
+from diagrams.readers.instants import instant
+from diagrams.schema.errors import UserError
+from diagrams.schema.scenario import load, read_yaml
 from systems.constants import EARTH_RATE
-from systems.geodetic import ecef_to_geodetic
-from systems.motion.gravity import GravityConstants
+from systems.earth.geodetic import ecef_to_geodetic
 from systems.plants.sp3 import read_sp3
 from systems.plants.sp3_records import in_utc
+from systems.trajectories.gravity import GravityConstants
 
 HERE = Path(__file__).parent
 CONSTANTS = GravityConstants()

@@ -11,10 +11,10 @@ import pytest
 from scipy.stats import chi2
 
 from diagrams import run_study
-from diagrams.errors import UserError
-from systems.frames import inertial_to_earth_fixed
-from systems.geodetic import geodetic_to_ecef
-from systems.motion.kepler import KeplerElements, state_of
+from diagrams.schema.errors import UserError
+from systems.earth.frames import inertial_to_earth_fixed
+from systems.earth.geodetic import geodetic_to_ecef
+from systems.trajectories.kepler import KeplerElements, state_of
 
 HERE = Path(__file__).parent
 FILES = sorted(path.name for path in HERE.glob("*.yaml") if not path.name.endswith(".requirements.yaml"))

@@ -7,9 +7,9 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.errors import UserError
 from diagrams.own.system import own_system
-from diagrams.scenario import load, read_yaml
+from diagrams.schema.errors import UserError
+from diagrams.schema.scenario import load, read_yaml
 from systems.signals import Draw, set_draw
 
 HERE = Path(__file__).parent

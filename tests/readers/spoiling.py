@@ -2,7 +2,7 @@
 
 import pytest
 
-from diagrams.errors import UserError
+from diagrams.schema.errors import UserError
 
 
 def said(read, path, content):

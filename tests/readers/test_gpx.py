@@ -5,7 +5,7 @@ import pytest
 
 from diagrams.readers.gpx import read_gpx
 from diagrams.writers.gpx import gpx_text
-from systems.time_scales import to_tai
+from systems.earth.time_scales import to_tai
 from tests.readers.spoiling import refused_or_read, said
 
 GPX = """<?xml version="1.0" encoding="UTF-8"?>

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from systems.frames import inertial_to_earth_fixed
-from systems.geodetic import geodetic_state
-from systems.motion.gravity import GravityConstants
-from systems.motion.kepler import KeplerElements, state_of
+from systems.earth.frames import inertial_to_earth_fixed
+from systems.earth.geodetic import geodetic_state
 from systems.plants.orbit import DenseOrbit
+from systems.trajectories.gravity import GravityConstants
+from systems.trajectories.kepler import KeplerElements, state_of
 
 CARRIER = 3e9
 CONSTANTS = GravityConstants()

@@ -5,10 +5,10 @@ from functools import lru_cache
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
-from systems.motion.gravity import GravityConstants
-from systems.motion.kepler import KeplerElements, mean_motion, state_of
+from systems.angles.relative_kinematics import ROWS, RelativeKinematics
 from systems.plants.orbit import derivative
+from systems.trajectories.gravity import GravityConstants
+from systems.trajectories.kepler import KeplerElements, mean_motion, state_of
 
 EARTH = GravityConstants(mu=3.986004415e14, radius=6378136.0, j2=1.0826261e-3)
 SIGMAS = np.array([1e-3, 1e-3, 1e-5, 1e-5, 10.0, 0.05])

@@ -6,18 +6,18 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from systems.constants import SPEED_OF_LIGHT
+from systems.earth.geodetic import geodetic_state
 from systems.estimators.arrival_gate import KEPT, REFUSED, ArrivalGate, without_receivers
-from systems.estimators.iekf import Iekf
-from systems.estimators.snapshot_start import SnapshotStart
 from systems.estimators.wiring import Wiring
 from systems.fixes.snapshot import snapshot_fix, starts_around
-from systems.geodetic import geodetic_state
 from systems.measurement.altitude import Altitude
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.constant_velocity import WhiteNoiseAcceleration
+from systems.options.iekf import Iekf
 from systems.recorder import record
 from systems.sensors.recorded import RecordedMeasurements, Recording
+from systems.starts.snapshot_start import SnapshotStart
 
 C = SPEED_OF_LIGHT
 TDOA = Tdoa(40.0 / C, (1, 2, 3, 4), correlated=True)

@@ -8,8 +8,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from systems.clocks import Periodic
+from systems.geometry.visibility import SphericalMask
 from systems.measurement.range_rate import RangeRate, common_part
-from systems.measurement.visibility import SphericalMask
 from systems.plants.joined import Joined
 from systems.plants.mode_schedule import ModeSchedule
 from systems.plants.oscillator import BiasLaw, OscillatorBias

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from systems.celestial import equinox_to_earth_fixed
+from systems.earth.time_scales import LEAP_SECONDS, posix_of, posix_to_tai, to_tai
 from systems.plants.ephemeris import hermite_states, spline_samples
 from systems.plants.recorded import hermite
-from systems.time_scales import LEAP_SECONDS, posix_of, posix_to_tai, to_tai
 
 
 def test_sidereal_time():

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from systems.angles.phase import InterferometerPhase
 from systems.measurement.chosen import ChosenRows, only
-from systems.measurement.phase import InterferometerPhase
 from systems.measurement.tdoa import Tdoa
 from tests.laws.cases import MEASUREMENTS
 

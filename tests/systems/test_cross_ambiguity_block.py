@@ -10,17 +10,17 @@ from systems.ambiguity.differences import Flag, Window
 from systems.ambiguity.estimate import CrossAmbiguity
 from systems.ambiguity.prefilter import RootRaisedCosine
 from systems.clocks import Periodic
-from systems.estimators.ekf import Ekf
-from systems.estimators.start import GivenStart
 from systems.estimators.wiring import Wiring
 from systems.iq.block import IqBlock
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.constant_velocity import WhiteNoiseAcceleration
+from systems.options.ekf import Ekf
 from systems.recorder import record
-from systems.sensors.cross_ambiguity import QUALITY, Aim, CrossAmbiguitySensor
+from systems.signal_chain.cross_ambiguity import QUALITY, Aim, CrossAmbiguitySensor
 from systems.signals import Constant, EnsembleBlock
+from systems.starts.start import GivenStart
 from tests.systems.iq_scene import CARRIER, ROLL_OFF, SYMBOLS, pair
 
 CAF = CrossAmbiguity(prefilter=RootRaisedCosine(SYMBOLS, ROLL_OFF))

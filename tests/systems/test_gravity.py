@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from systems.motion import gravity
-from systems.motion.gravity import GravityConstants
 from systems.plants.orbit import DenseOrbit
+from systems.trajectories import gravity
+from systems.trajectories.gravity import GravityConstants
 
 EARTH = GravityConstants()
 RNG = np.random.default_rng(5)

@@ -8,33 +8,33 @@ from scipy.stats import multivariate_normal
 
 from diagrams.assembly.find import find
 from diagrams.assembly.lineup import select_estimators
-from diagrams.catalogue import load_scenario
-from diagrams.posterior_bound import posterior_bound
-from diagrams.three_satellite_models import models
+from diagrams.commands.catalogue import load_scenario
+from diagrams.library.models.three_satellite import models
+from diagrams.statistics.posterior_bound import posterior_bound
 from systems.angle_wrapping import wrap
+from systems.angles.phase import InterferometerPhase
 from systems.clocks import Periodic
 from systems.constants import SPEED_OF_LIGHT
-from systems.estimators.hypotheses_start import HypothesesStart
-from systems.estimators.iekf_hypotheses import IekfHypotheses
+from systems.earth.geodetic import ecef_to_geodetic, geodetic_state
 from systems.estimators.kalman import KalmanEstimator
-from systems.estimators.known_height_start import KnownHeightStart
 from systems.estimators.memory import Epoch
-from systems.estimators.start import GivenStart
 from systems.estimators.wiring import Wiring
 from systems.filters.hypotheses import branch, log_evidence, mixture, reweigh
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.fixes.delay_curve import delay_curve
 from systems.fixes.integer_hypotheses import integer_covariance, integer_hypotheses
 from systems.fixes.known_height import known_height_fix
-from systems.geodetic import ecef_to_geodetic, geodetic_state
 from systems.measurement.base import MeasurementModel
 from systems.measurement.fdoa import Fdoa
-from systems.measurement.phase import InterferometerPhase
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.constant_velocity import ConstantVelocity
+from systems.options.iekf_hypotheses import IekfHypotheses
 from systems.recorder import record
 from systems.signals import Draw, set_draw
+from systems.starts.hypotheses_start import HypothesesStart
+from systems.starts.known_height_start import KnownHeightStart
+from systems.starts.start import GivenStart
 from tests.laws.cases import satellites
 
 RADIUS = 6378137.0

@@ -3,9 +3,16 @@
 import numpy as np
 import pytest
 
-from systems.motion.gravity import GravityConstants, energy
-from systems.motion.kepler import KeplerElements, eccentric_anomaly, elements_of, mean_anomaly, mean_motion, state_of
 from systems.plants.orbit import DenseOrbit
+from systems.trajectories.gravity import GravityConstants, energy
+from systems.trajectories.kepler import (
+    KeplerElements,
+    eccentric_anomaly,
+    elements_of,
+    mean_anomaly,
+    mean_motion,
+    state_of,
+)
 
 MU = GravityConstants().mu
 RNG = np.random.default_rng(11)

@@ -11,7 +11,7 @@ from systems.clocks import Periodic
 from systems.iq.block import IqBlock
 from systems.iq.kiwi import GpsRecording, common_base, read_kiwi
 from systems.iq.resample import interpolate, resampled
-from systems.sensors.recorded_iq import RecordedIq
+from systems.signal_chain.recorded_iq import RecordedIq
 
 RATE, START = 12001.06, 370358.25
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from systems.estimators.known_height_start import KnownHeightStart
+from systems.earth.geodetic import ecef_to_geodetic
 from systems.fixes.known_height import (
     DegenerateFormationError,
     has_closed_form,
@@ -12,9 +12,9 @@ from systems.fixes.known_height import (
     position_per_velocity,
     wave_front_fix,
 )
-from systems.geodetic import ecef_to_geodetic
+from systems.geometry.visibility import ElevationMask
 from systems.measurement.tdoa import Tdoa
-from systems.measurement.visibility import ElevationMask
+from systems.starts.known_height_start import KnownHeightStart
 from tests.laws.cases import PASS, PLACES, place, satellites, six, tdoa
 
 MIDDLE = satellites(PASS / 2)[None]

@@ -17,8 +17,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from diagrams.assembly.find import find
 from diagrams.assembly.lineup import select_estimators
-from diagrams.catalogue import load_scenario
-from diagrams.errors import UserError
+from diagrams.commands.catalogue import load_scenario
+from diagrams.schema.errors import UserError
 from systems.recorder import record
 from systems.signals import Draw, leaf_systems, set_draw
 

@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from systems.clocks import Periodic, Times
-from systems.filters.linear_algebra import semidefinite_root
+from systems.linear_algebra import semidefinite_root
 from systems.motion.base import MotionModel
 from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
 from systems.plants.model_plant import ModelPlant

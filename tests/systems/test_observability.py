@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from diagrams.posterior_bound import posterior_bound
-from systems.measurement.bearing import Bearing
+from diagrams.statistics.fisher_information import information_roots, spectrum
+from diagrams.statistics.posterior_bound import posterior_bound
+from systems.angles.bearing import Bearing
 from systems.measurement.range_rate import RangeRate
 from systems.measurement.tdoa import Tdoa
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.motion.known_flight import KnownFlight
 from systems.motion.stationary import Stationary
-from systems.observability import information_roots, spectrum
 
 TIMES = np.arange(0.0, 200.0, 2.0)
 BEARING = Bearing(np.radians(0.1))

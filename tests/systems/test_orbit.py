@@ -9,10 +9,10 @@ import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from scipy.integrate import solve_ivp
 
-from systems.frames import acceleration_to_earth_fixed, inertial_to_earth_fixed
-from systems.motion.gravity import GravityConstants, acceleration, energy
-from systems.motion.kepler import KeplerElements, mean_motion, state_of
+from systems.earth.frames import acceleration_to_earth_fixed, inertial_to_earth_fixed
 from systems.plants.orbit import DenseOrbit, Orbit, derivative
+from systems.trajectories.gravity import GravityConstants, acceleration, energy
+from systems.trajectories.kepler import KeplerElements, mean_motion, state_of
 
 EARTH = GravityConstants()
 OLD_DRAKE = tuple(int(n) for n in version("drake").split(".")[:2]) < (1, 58)

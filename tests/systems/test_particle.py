@@ -6,10 +6,6 @@ import numpy as np
 import pytest
 
 from systems.clocks import Periodic
-from systems.estimators.ekf import Ekf
-from systems.estimators.pf import Pf
-from systems.estimators.pf_sir import PfSir
-from systems.estimators.start import GivenStart
 from systems.filters.particle.draws import Draws
 from systems.filters.particle.health import LEAST_EVIDENCE, evidence, follow
 from systems.filters.particle.kernel import bandwidth, lost_spread, shrunk_kernel
@@ -21,6 +17,10 @@ from systems.filters.whitening import Whitener
 from systems.motion.constant_velocity import WhiteNoiseAcceleration
 from systems.motion.current_statistical import CurrentStatistical
 from systems.noise import many_normal
+from systems.options.ekf import Ekf
+from systems.options.pf import Pf
+from systems.options.pf_sir import PfSir
+from systems.starts.start import GivenStart
 from tests.laws.rig import Linear, make, run, textbook
 
 # ------------------------------------------------------------------------------------------------------- parts

@@ -5,15 +5,15 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from systems.angles.direction import Direction
 from systems.clocks import Periodic
-from systems.estimators.direction_start import DirectionStart
-from systems.estimators.pf import Pf
-from systems.estimators.prior_position_start import PriorPositionStart
-from systems.measurement.direction import Direction
 from systems.measurement.stack import Stack
 from systems.motion.constant_velocity import ConstantVelocity
+from systems.options.pf import Pf
 from systems.recorder import record
 from systems.signals import Draw, set_draw
+from systems.starts.direction_start import DirectionStart
+from systems.starts.prior_position_start import PriorPositionStart
 from tests.laws.cases import PASS, fdoa, place, satellites, tdoa
 from tests.laws.rig import Feed, make
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from systems.angle_wrapping import wrap
+from systems.angles.phase import InterferometerPhase, phase_angle
 from systems.constants import EARTH_RATE
-from systems.measurement.phase import InterferometerPhase, phase_angle
 from tests.laws.cases import PASS, WAVELENGTH, phase, place, satellites
 
 CYCLES = 3.0 / WAVELENGTH

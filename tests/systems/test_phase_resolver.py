@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from systems.angle_wrapping import wrap
+from systems.angles.phase import InterferometerPhase
 from systems.estimators.phase_resolver import PhaseResolver, resolve
-from systems.measurement.phase import InterferometerPhase
 from systems.measurement.stack import Stack
 from tests.laws.cases import PASS, PLACES, WAVELENGTH, fdoa, phase, place, satellites, tdoa
 from tests.laws.packaged import Packaged

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from systems.angles.relative_kinematics import ROWS, RelativeKinematics
 from systems.clocks import Periodic
-from systems.estimators.range_decomposed import Ra, RangeDecomposed, RaPaper
-from systems.estimators.start import GivenStart
 from systems.estimators.wiring import Wiring
 from systems.fixes.orbit_plane import common_plane
-from systems.measurement.ranged_position import RangedPosition
-from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
+from systems.fixes.ranged_position import RangedPosition
 from systems.motion.orbital import OrbitalMotion
+from systems.options.range_decomposed import Ra, RangeDecomposed, RaPaper
+from systems.starts.start import GivenStart
 from tests.laws.rig import run
 from tests.systems.ranging_scene import EARTH, PRIOR, TARGET, measurements, sensor
 

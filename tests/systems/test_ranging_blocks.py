@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from systems.clocks import Periodic, Times
-from systems.measurement.visibility import EarthOccultation
+from systems.geometry.visibility import EarthOccultation
 from systems.plants.orbit import DenseOrbit
 from systems.sensors.platform_error import PlatformError
 from systems.sensors.preview import Preview

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from systems.angles.relative_kinematics import RelativeKinematics, sight_axes
+from systems.fixes.ranged_position import RangedPosition, ranging_equation
 from systems.fixes.ranging import RangingEquation
-from systems.measurement.ranged_position import RangedPosition, ranging_equation
-from systems.measurement.relative_kinematics import RelativeKinematics, sight_axes
-from systems.motion.gravity import acceleration
+from systems.trajectories.gravity import acceleration
 from tests.systems.ranging_scene import EARTH, SIGMAS, TIMES, arc, measurements, sensor
 
 

@@ -8,17 +8,17 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from systems.clocks import Periodic
+from systems.geometry.visibility import ElevationMask
 from systems.iq.block import IqBlock
 from systems.iq.modulation import Qpsk
 from systems.iq.quantise import quantise
 from systems.iq.reception import delay_over, receive, straight, with_acceleration
 from systems.iq.waveform import Emission
-from systems.measurement.visibility import ElevationMask
-from systems.motion.gravity import acceleration
-from systems.plants.transmitter import Transmitter
-from systems.sensors.inter_satellite_link import InterSatelliteLink
-from systems.sensors.receiver import Receiver
+from systems.signal_chain.inter_satellite_link import InterSatelliteLink
+from systems.signal_chain.receiver import Receiver
+from systems.signal_chain.transmitter import Transmitter
 from systems.signals import Constant, Draw, set_draw
+from systems.trajectories.gravity import acceleration
 from tests.systems.dual_scene import CARRIER, CONSTANTS, scene
 
 HERE = scene(0.0)

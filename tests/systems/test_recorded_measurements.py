@@ -6,20 +6,20 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from systems.clocks import Times
-from systems.estimators.iekf import Iekf
-from systems.estimators.start import GivenStart
+from systems.earth.geodetic import geodetic_state
 from systems.estimators.wiring import Wiring
-from systems.geodetic import geodetic_state
+from systems.geometry.refractivity import mean_refractivity
 from systems.measurement.altitude import Altitude
-from systems.measurement.refractivity import mean_refractivity
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.motion.constant_velocity import WhiteNoiseAcceleration
+from systems.options.iekf import Iekf
 from systems.plants.emitter import StraightLine
 from systems.recorder import record
 from systems.sensors.recorded import RecordedMeasurements, Recording
 from systems.sensors.sensor import Sensor
 from systems.signals import Constant, Draw, set_draw
+from systems.starts.start import GivenStart
 
 RNG = np.random.default_rng(4)
 STATIONS = geodetic_state(

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from systems.measurement.relative_kinematics import ROWS, RelativeKinematics, rows_of, sight_axes
+from systems.angles.relative_kinematics import ROWS, RelativeKinematics, rows_of, sight_axes
+from systems.geometry.visibility import EarthOccultation
 from systems.measurement.stack import Stack
-from systems.measurement.visibility import EarthOccultation
-from systems.motion.gravity import acceleration
+from systems.trajectories.gravity import acceleration
 from tests.systems.ranging_scene import EARTH, SIGMAS, TIMES, arc, sensor
 
 

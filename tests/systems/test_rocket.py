@@ -9,12 +9,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.integrate import solve_ivp
 
-from diagrams.catalogue import load_scenario
-from diagrams.launch import rocket_model
+from diagrams.commands.catalogue import load_scenario
+from diagrams.parts.launch import rocket_model
 from systems.clocks import Periodic
-from systems.motion.rocket import LaunchSite, RocketModel, Stage
 from systems.plants.rocket import Rocket
 from systems.recorder import record
+from systems.trajectories.rocket import LaunchSite, RocketModel, Stage
 
 
 @pytest.fixture(scope="module")

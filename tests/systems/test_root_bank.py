@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from systems.angles.relative_kinematics import ROWS, RelativeKinematics
 from systems.clocks import Periodic
-from systems.estimators.bank import Bank, RootsStart
-from systems.estimators.start import GivenStart
 from systems.estimators.wiring import Wiring
-from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
 from systems.motion.orbital import OrbitalMotion
+from systems.options.bank import Bank, RootsStart
+from systems.starts.start import GivenStart
 from tests.laws.rig import run
 from tests.systems.ranging_scene import EARTH, PRIOR, SIGMAS, measurements, sensor
 

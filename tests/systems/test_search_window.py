@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.measurement.direction import Direction
+from systems.angles.direction import Direction
 from systems.measurement.fdoa import Fdoa
 from systems.measurement.stack import Stack
 from systems.measurement.tdoa import Tdoa
 from systems.sensors.joined import JoinedMeasurements, JoinedPart
-from systems.sensors.search_window import SearchWindow, delay_doppler_spread, direction_belief
+from systems.signal_chain.search_window import SearchWindow, delay_doppler_spread, direction_belief
 from systems.signals import Constant
 from tests.systems.dual_scene import CARRIER, scene
 

@@ -6,8 +6,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from systems.clocks import Periodic, Times
-from systems.geodetic import vertical
-from systems.measurement.visibility import ElevationMask
+from systems.earth.geodetic import vertical
+from systems.geometry.visibility import ElevationMask
 from systems.recorder import record
 from systems.sensors.sensor import Sensor
 from systems.signals import Constant, Draw, set_draw

@@ -7,12 +7,12 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
 from systems.angle_wrapping import wrap
+from systems.angles.bearing import Bearing
+from systems.angles.phase import InterferometerPhase
+from systems.angles.relative_kinematics import ROWS, RelativeKinematics
 from systems.clocks import Periodic
-from systems.frames import nadir_frame_earth_fixed
-from systems.measurement.bearing import Bearing
-from systems.measurement.misalignment import rotation_matrix, seen_from_turned_axes
-from systems.measurement.phase import InterferometerPhase
-from systems.measurement.relative_kinematics import ROWS, RelativeKinematics
+from systems.earth.frames import nadir_frame_earth_fixed
+from systems.geometry.misalignment import rotation_matrix, seen_from_turned_axes
 from systems.sensors.attitude_error import AttitudeError
 from systems.sensors.reading_error import ReadingError
 from systems.signals import Constant, Draw, set_draw

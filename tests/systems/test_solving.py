@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from systems.motion.gravity import GravityConstants
 from systems.plants.orbit import DenseOrbit
 from systems.plants.solving import solve
+from systems.trajectories.gravity import GravityConstants
 
 
 def test_a_solution_is_that_of_the_equation():

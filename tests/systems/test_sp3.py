@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from systems.frames import earth_fixed_to_inertial
+from systems.earth.frames import earth_fixed_to_inertial
 from systems.motion.orbital import OrbitalMotion
 from systems.plants.orbit import DenseOrbit
 from systems.plants.recorded import hermite

@@ -5,10 +5,10 @@ import pytest
 
 from systems.clocks import Periodic
 from systems.estimators.kalman import KalmanEstimator
-from systems.estimators.known_height_start import KnownHeightStart
-from systems.estimators.start import GivenStart, PortStart, Start
 from systems.filters.whitening import Whitener
 from systems.fixes.known_height import known_height_fix
+from systems.starts.known_height_start import KnownHeightStart
+from systems.starts.start import GivenStart, PortStart, Start
 from tests.laws.cases import estimators, tdoa
 from tests.laws.rig import Scene, run
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from diagrams import command_line
-from diagrams.errors import UserError
-from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED, Limit, plan_looks
+from diagrams.commands import command_line
+from diagrams.schema.errors import UserError
+from diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED, Limit, plan_looks
 from diagrams.verification.specification import read_specification
 from diagrams.verification.verify import Verification
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import binom, binomtest, bootstrap
 
+from diagrams.commands.verifying import verification_figure
+from diagrams.statistics.intervals import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean
+from diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED, Limit, judge
 from diagrams.verification import metrics
-from diagrams.verification.command import verification_figure
-from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED, Limit, judge
 from diagrams.verification.specification import Requirement, Specification
-from diagrams.verification.statistics import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean
 from diagrams.verification.verify import Finding, Report
 
 STATISTICS = [MeanRatio(), MeanRatio(root=True), SignedMean(), Quantile(0.5), Quantile(0.9), Proportion()]

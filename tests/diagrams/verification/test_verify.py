@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import command_line, run_study
-from diagrams.marker import MARKER
-from diagrams.metrics import diverged, median, percentile, rmse
-from diagrams.state_errors import errors
-from diagrams.verification.sequential import FAILS, HOLDS, UNDECIDED
+from diagrams import run_study
+from diagrams.commands import command_line
+from diagrams.statistics.metrics import diverged, median, percentile, rmse
+from diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED
+from diagrams.statistics.state_errors import errors
+from diagrams.studies.marker import MARKER
 from diagrams.verification.verify import Verification, verify
 from tests.interrupts import listening
 
@@ -216,7 +217,7 @@ def test_a_system_without_that_number(tmp_path):
 def test_interrupt_is_status_130(tmp_path):
     file = written(tmp_path, SHORT.replace("20]", "150]").replace("120", "200000") + LADDER[len(SHORT) :])
     environment = os.environ | {"PYTHONPATH": str(PROJECT)}
-    arguments = [sys.executable, "-m", "diagrams.command_line", "verify", str(file), "--out", "out"]
+    arguments = [sys.executable, "-m", "diagrams.commands.command_line", "verify", str(file), "--out", "out"]
     process = subprocess.Popen(
         arguments, cwd=tmp_path, stderr=subprocess.PIPE, text=True, env=environment, preexec_fn=listening
     )

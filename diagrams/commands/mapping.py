@@ -1,0 +1,85 @@
+"""What `quietfix gdop` does: the maps of a system, their figures and tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from diagrams.assembly.map import BoundMap
+from diagrams.assembly.system import System
+from diagrams.maps.bounds import map_bounds
+from diagrams.maps.default import default_maps
+from diagrams.schema.errors import UserError
+
+__all__ = ["bound_maps", "map_figures", "print_map"]
+
+
+def bound_maps(system: System, scenario: Any) -> list[BoundMap]:
+    """Return the map that a system offers of a scenario, or the default ones: one for each set of measurements.
+
+    Raises
+    ------
+    UserError
+        If the scenario cannot be built or mapped.
+    """
+    try:
+        model = system.declare(scenario)
+        return [model.map()] if model.map else default_maps(model, scenario.estimators)
+    except UserError:
+        raise
+    except ValueError as error:  # a block says what is wrong with its arguments in the user's words
+        raise UserError(str(error)) from error
+
+
+def map_figures(system: System, scenario: Any, folder: Path | str, progress: bool = True) -> list[xr.Dataset]:
+    """Map the bound of a system, save the figures and print a table for each map.
+
+    Parameters
+    ----------
+    system : System
+    scenario : dataclass
+        Its scenario.
+    folder : path
+        An existing folder.
+    progress : bool
+        Show a progress bar.
+
+    Raises
+    ------
+    UserError
+        If the scenario cannot be built or mapped.
+    """
+    from diagrams.figures.gdop import draw_gdop
+
+    found = []
+    for of in bound_maps(system, scenario):
+        dataset = map_bounds(of, progress)
+        draw_gdop(dataset, folder)
+        (of.report or print_map)(dataset)
+        found.append(dataset)
+    return found
+
+
+def print_map(dataset: xr.Dataset) -> None:
+    """Print how large the bounds on a map are."""
+    from diagrams.console.tables import Column, Table, print_table
+
+    attributes = dataset.attrs
+    headings = ("points", "least", "10 % below", "median", "90 % below", "largest")
+    table = Table(
+        f"bound after {attributes['duration_s']:g} s, process noise {attributes['noise']}",
+        [Column("measurements"), Column("quantity"), *headings],
+        keys=2,
+        caption=f"prior: {attributes['prior']}; target: {attributes['target']}",
+    )
+    for name in dataset["set"].values:
+        for quantity in attributes["quantities"]:
+            values = dataset[quantity].sel(set=name).values
+            values = values[np.isfinite(values)]
+            unit = dataset[quantity].attrs["units"]
+            cells = [f"{q:.4g}" for q in np.percentile(values, [0, 10, 50, 90, 100])] if values.size else ["-"] * 5
+            table.add(str(name), f"{quantity} [{unit}]", str(values.size), *cells)
+    print_table(table)

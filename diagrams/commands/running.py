@@ -1,0 +1,273 @@
+"""What the commands do; apart from the command line itself, so that ``--help`` needs neither Drake nor xarray."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from diagrams.assembly.find import FORMS, Found, find
+from diagrams.console.tables import Column, Table, lost, print_table, three_digits
+from diagrams.console.terminal import say
+from diagrams.schema.errors import UserError
+from diagrams.statistics.epochs import along, from_the_end
+from diagrams.studies.output import OutputFolder, written_beside
+from diagrams.studies.recordings import only_simulated, with_data, with_measurements
+from diagrams.studies.rerun import ask_again
+from diagrams.studies.results import open_result, write_summary
+from diagrams.studies.starting import why_not_started
+
+if TYPE_CHECKING:
+    from diagrams.assembly.recorded import Report
+
+__all__ = ["draw_command", "gdop_command", "observe_command", "replay_command", "run_command"]
+
+
+def run_command(
+    system: str | None,
+    asked: Mapping[str, Any],
+    from_: Path | None,
+    out: Path | None,
+    overwrite: bool,
+    trust: bool = False,
+    progress: bool = True,
+) -> Report | None:
+    """Run a study, print its table and write its folder; return what a recording tells; see ``quietfix run --help``."""
+    from diagrams.statistics.metrics import summarise
+    from diagrams.studies.study import Study, join
+
+    began = time.monotonic()
+    options = dict(asked)
+    fed = {key: options.pop(key, None) for key in ("measurements", "truth")}
+    write = options.pop("write_measurements", False)
+    found: Found | str | None = system
+    if from_ is not None:
+        found, options = ask_again(from_, system, options, trust)
+    elif trust:
+        raise UserError("--trust: it needs --from RESULT; what you name yourself is trusted")
+    if found is None:
+        raise UserError(f"system: it is missing; a name that `quietfix list` prints, --from RESULT, {FORMS}")
+    if data := options.pop("data", None):
+        found = find(found)
+        options["set"] = with_data(found, options.get("set"), data)
+    if fed["measurements"] or fed["truth"]:
+        found = find(found)
+        options["set"] = with_measurements(found, options.get("set"), **fed)
+    if write:
+        options = _to_be_written(options, out)
+    study = Study(found, **options)
+    if write and "raw" in study.probe.bus:  # what is measured, before phases are resolved
+        signals = {**study.model.signals, "raw": "raw"}
+        study = Study(found, **options, model=replace(study.model, signals=signals))
+    if out is None:
+        parts = list(study.chunks(progress))
+        dataset = join(parts)
+        report = study.report(dataset)
+        _print_all(dataset, summarise(dataset), report, study.recorded is not None)
+        return report
+    with OutputFolder(out, overwrite, "run", reads=from_) as folder:
+        try:
+            for chunk in study.chunks(progress):
+                folder.append(chunk)
+        except KeyboardInterrupt:
+            _say_interrupted(folder, study.request.trials)
+            raise
+        dataset = open_result(folder.store)
+        estimators = summarise(dataset)
+        report = study.report(dataset)
+        told = None if report is None else report.summary()
+        write_summary(folder.work / "summary.json", dataset, estimators, began, told)
+        _illustrate(dataset, study, folder.work)
+        if report is not None:
+            report.draw(folder.work)
+        if write:
+            from diagrams.own.writing import write_measurements
+
+            write_measurements(dataset, study.request.scenario, folder.work / "measurements.csv")
+        folder.finish()
+    _print_all(open_result(folder.final), estimators, report, study.recorded is not None)
+    tables = ", ".join(path.name for name in ("estimates", "measurements") for path in sorted(out.glob(f"{name}.*")))
+    others = f", {tables}" if tables else ""
+    print(f"wrote {out}: results.zarr, summary.json, figures, diagram.svg{others} ({time.monotonic() - began:.1f} s)")
+    return report
+
+
+def _to_be_written(options: Mapping[str, Any], out: Path | None) -> dict[str, Any]:
+    """Return options with which a study keeps what ``--write-measurements`` writes."""
+    if out is None:
+        raise UserError("--write-measurements: it needs --out DIR, where measurements.csv goes")
+    if options.get("every", 1) != 1:
+        raise UserError(f"--every: {options['every']} is not allowed with --write-measurements; 1")
+    keep = {"estimates": "measurements", "covariance": "all"}
+    kept = options.get("keep", "estimates")
+    return {**options, "keep": keep.get(kept, kept)}
+
+
+def _print_all(dataset: xr.Dataset, estimators: Mapping[str, Any], report: Report | None, recorded: bool) -> None:
+    """Print the table of a study, where there is a truth to judge by, and that of a recording."""
+    if recorded and report is None:
+        say(f"every {dataset.attrs['every']}: what the recording tells of its own needs every epoch, and is left out")
+    if not recorded or ("truth" in dataset and dataset["truth"].notnull().any()):
+        print_summary(dataset, estimators)
+    if report is not None:
+        print_table(report.table())
+        for line in report.notes():
+            say(line)
+
+
+def _say_interrupted(folder: OutputFolder, trials: int) -> None:
+    if folder.chunks:
+        done = open_result(folder.store).sizes["trial"]
+        print(f"quietfix: {done} of {trials} trials are kept in {folder.partial}", file=sys.stderr)
+
+
+def _illustrate(dataset: xr.Dataset, study: Any, folder: Path) -> None:
+    from diagrams.assembly.drawing import draw
+    from diagrams.figures import study_figures
+
+    study_figures(dataset, folder)
+    header = f"{study.request.system}: {study.request.trials} trials"
+    draw(study.picture, folder / "diagram.svg", dashed=study.probe.dashed, header=header, contents=study.probe.contents)
+
+
+def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
+    """Print a table of a study: one row per estimator."""
+    tracks = along(dataset) == "epoch"
+    if tracks:  # they have no time in common, but each has an end
+        from diagrams.statistics.metrics import summarise
+
+        dataset = from_the_end(dataset)
+        estimators = summarise(dataset)
+    times = dataset["time"].values
+    shares = (1.0,) if tracks else (1 / 15, 1 / 3, 2 / 3, 1.0)
+    picks = sorted({int(np.argmin(np.abs(times - share * times[-1]))) for share in shares})
+    variant = f":{dataset.attrs['variant']}" if dataset.attrs["variant"] else ""
+    trials = f"{dataset.sizes['trial']} {'tracks' if tracks else 'trials'}"
+    table = Table(
+        f"{dataset.attrs['system']}{variant}, {trials}, seed {dataset.attrs['seed']}",
+        [
+            Column("estimator"),
+            *("RMSE [m]" if tracks else f"{times[i]:g} s [m]" for i in picks),
+            *("median [m]", "bound [m]", "height [m]", "velocity [m/s]", "NEES", "diverged"),
+        ],
+        caption="All at the last epoch of each track: RMSE, median and bound of position, RMSE of height and velocity, "
+        "mean NEES"
+        if tracks
+        else "RMSE of position at each time; at the end: median and bound (filter's process noise) of position, "
+        "RMSE of height and velocity, mean NEES",
+    )
+    for name, row in estimators.items():
+        table.add(
+            name if row.get("causal", True) else f"{name} (not causal)",
+            *(three_digits(row["rmse_position_m"][i]) for i in picks),
+            *(
+                three_digits(_last(row, key))
+                for key in ("median_position_m", "bound_position_m", "rmse_height_m", "rmse_velocity_mps", "nees_mean")
+            ),
+            lost(row["diverged"], row["not_started"]),
+        )
+    print_table(table)
+    for line in why_not_started(dataset, {name: row["not_started"] for name, row in estimators.items()}):
+        say(line)
+    if dataset.attrs.get("note"):
+        say(dataset.attrs["note"])
+
+
+def _last(row: Mapping[str, Any], key: str) -> float | None:
+    values = row.get(key)
+    return values[-1] if values else None
+
+
+def draw_command(
+    system: str,
+    estimators: Sequence[str] | None,
+    settings: Sequence[str] | None,
+    scenario: Path | None,
+    out: Path | None,
+    data: Sequence[Path] | None = None,
+) -> None:
+    """Draw a block diagram; see ``quietfix draw --help``."""
+    from diagrams.assembly.drawing import draw, is_drawing
+    from diagrams.studies.study import Study
+
+    found = find(system)
+    path = out or Path(f"{found.slug}.svg")
+    if path.suffix.lower() not in (".svg", ".png"):
+        raise UserError(f"--out: {path} is not allowed; a file name that ends in .svg or .png")
+    existed = path.exists()
+    if existed and out is None and path.is_file() and not is_drawing(path):
+        raise UserError(f"--out: {path} exists and was not drawn by this program; name it to replace it")
+    settings = with_data(found, settings, data)
+    with written_beside(path) as beside:
+        study = Study(found, scenario=scenario, estimators=estimators, set=settings, trials=1)
+        wired = study.probe
+        draw(study.picture, beside, dashed=wired.dashed, header=system, contents=wired.contents)
+    print(f"{'replaced' if existed else 'wrote'} {path}")
+
+
+def gdop_command(
+    system: str, settings: Sequence[str] | None, scenario: Path | None, out: Path | None, overwrite: bool
+) -> None:
+    """Map bounds; see ``quietfix gdop --help``."""
+    from diagrams.commands.mapping import map_figures
+
+    found = find(system)
+    only_simulated(found, "gdop")
+    resolved = found.system.load(found.variant, scenario, settings or [])
+    out = out or Path("gdop")
+    with OutputFolder(out, overwrite, "gdop") as folder:
+        with found.blaming(resolved.estimators):
+            map_figures(found.system, resolved, folder.work)
+        folder.finish()
+    print(f"wrote {out}: figures")
+
+
+def observe_command(
+    system: str,
+    estimators: Sequence[str] | None,
+    window: float | None,
+    settings: Sequence[str] | None,
+    scenario: Path | None,
+    out: Path | None,
+    overwrite: bool,
+) -> None:
+    """Say what is observable; see ``quietfix observe --help``."""
+    from diagrams.commands.observability_report import observability_summary, print_observability
+    from diagrams.experiments.observability import observe
+
+    where = find(system)
+    only_simulated(where, "observe")
+    found = observe(where, estimators=estimators, window=window, scenario=scenario, set=settings)
+    if out is not None:
+        from diagrams.figures.observability import observe_figures
+
+        with OutputFolder(out, overwrite, "observe") as folder:
+            summary = observability_summary(found, where)
+            text = json.dumps(summary, indent=1, allow_nan=False) + "\n"
+            (folder.work / "summary.json").write_text(text, encoding="utf-8")
+            observe_figures(summary, system, folder.work)
+            folder.finish()
+    print_observability(found, system)
+    if out is not None:
+        print(f"wrote {out}: summary.json, figures")
+
+
+def replay_command(
+    dataset: str,
+    asked: Mapping[str, Any],
+    out: Path | None,
+    overwrite: bool,
+    data: Path | None = None,
+    file: list[Path] | None = None,
+) -> None:
+    """Run a recording; see ``quietfix replay --help``."""
+    from diagrams.commands.replay import replay
+
+    replay(dataset, data, out, True, file, overwrite=overwrite, **asked)

@@ -1,0 +1,1 @@
+"""What is printed: tables as wide as the terminal, and how far a run is."""

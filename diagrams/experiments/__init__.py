@@ -1,0 +1,1 @@
+"""Studies of studies: comparisons, sweeps, observability."""

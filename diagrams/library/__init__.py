@@ -1,0 +1,1 @@
+"""The packaged systems: each a scenario and what it declares of one."""

@@ -1,0 +1,1 @@
+"""Parts that one packaged system needs alone."""

@@ -1,0 +1,117 @@
+"""One satellite finds the orbit of another by listening: angles, rates, radial velocity and radial acceleration.
+
+Wu Shunhua, Xin Qin and Wan Jianwei, *A passive ranging method of single satellite to satellite based on kinematics*,
+Progress in Natural Science (in Chinese), received 2008. The frame is inertial throughout.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache, partial
+
+import numpy as np
+
+from diagrams.assembly.bus import Bus
+from diagrams.assembly.model import Assumed, Model
+from diagrams.assembly.system import System, packaged
+from diagrams.library.fields.satellite_ranging import Kepler, Scenario, Sp3
+from diagrams.library.models.satellite_ranging import (
+    believed_motion,
+    believed_sensor,
+    bound_map,
+    check_planes,
+    gravity,
+    initial_states,
+    prior_covariance,
+    recorded_orbit,
+    sensor_mask,
+    true_sensor,
+)
+from diagrams.library.parts.satellite_ranging import OrbitingTarget, add_preview, orbit_block
+from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
+from diagrams.parts.movers import Platforms
+from diagrams.parts.sensing import TargetSensor
+from diagrams.parts.sensor_errors import NO_CLOCKS, refuse
+from diagrams.quantities.frame import INERTIAL
+from systems.angles.relative_kinematics import ROWS, rows_of
+from systems.clocks import Periodic
+from systems.estimators.options import EstimatorOptions
+from systems.fixes.ranged_position import RangedPosition
+from systems.motion.orbital import OrbitalMotion
+from systems.plants.orbit import DenseOrbit
+from systems.plants.recorded import RecordedTruth
+from systems.sensors.prior import PriorEstimate
+from systems.sensors.ranging import Ranging
+from systems.starts.start import PortStart
+
+__all__ = ["SYSTEM"]
+
+_POSITION = "position"
+
+
+def declare(scenario: Scenario) -> Model:
+    """Return both satellites, sensor, prior and what the estimators are given; see `diagrams.assembly`."""
+    truth, clock, constants = scenario.truth, Periodic(scenario.period_s), gravity(scenario)
+    record = recorded_orbit(scenario) if isinstance(scenario.target, Sp3) else None
+    listener, emitter = initial_states(scenario, record)
+    check_planes(listener, emitter)
+
+    @cache
+    def observer() -> DenseOrbit:
+        return orbit_block(scenario, listener, "observer")
+
+    @cache
+    def target() -> DenseOrbit | RecordedTruth:
+        return RecordedTruth(*record, name="target") if record else orbit_block(scenario, emitter, "target")
+
+    known = "truth.sigma_observer_m and truth.sigma_observer_mps say how well the observer is known"
+    refuse(truth.errors, "truth.errors", {**NO_CLOCKS, "platform": known})
+    real, full, covariance = true_sensor(scenario), believed_sensor(scenario), prior_covariance(scenario)
+    mask = sensor_mask(scenario)
+
+    def ranging(bus: Bus, name: str = "ranging", feedback: dict[str, str] | None = None) -> None:
+        block = Ranging(full, bus.trials, 1, bus.shape("known")[0], feedback is not None, name=name)
+        bus.add(block, takes={"platforms": "known"}, feedback=feedback)
+
+    def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
+        motion, start, kinds = believed_motion(scenario), PortStart(covariance), list(options.measurements)
+        ahead = {"preview": partial(add_preview, scenario, clock)}
+        if kinds != [_POSITION]:
+            return Assumed(believed_sensor(scenario, kinds), motion, start, list(ROWS), on_demand=ahead)
+        model, own = RangedPosition(full), f"ranging_{name}"
+        ranging(bus, own, {"prediction": f"{name}.prediction"})
+        takes = {port: f"{own}.{port}" for port in ("measurement", "noise_covariance")}
+        return Assumed(model, motion, start, model.names, takes, on_demand=ahead)
+
+    return Model(
+        clock=clock,
+        duration=scenario.duration_s,
+        divergence=scenario.divergence_m,
+        parts=[
+            Platforms(lambda: observer().again(), "inertial"),
+            OrbitingTarget(target),
+            TargetSensor("sensor", real, clock, mask, gives=["measured"]),
+            Impaired(real, clock, truth.errors, mounts=[Mount(rows_of(["angles", "rates"]))]),
+            KnownPlatforms(truth.sigma_observer_m, truth.sigma_observer_mps, name="observer_error"),
+            lambda bus: bus.add(PriorEstimate(covariance, bus.trials), {"initial_estimate": "initial_estimate"}),
+            ranging,
+        ],
+        assume=assume,
+        truth_motion=OrbitalMotion(constants, real.j2),
+        signals={port: f"ranging.{port}" for port in ("ranges", "range_sigmas")},
+        platforms=("observer",),
+        frame=INERTIAL,
+        # a tenth of the initial error, as in (61): of its expectation, so that all estimators are held to the same
+        convergence=0.1 * math.sqrt(np.trace(covariance[:3, :3])),
+        # a recorded target has no elements to map over
+        map=partial(bound_map, scenario, scenario.target) if isinstance(scenario.target, Kepler) else None,
+    )
+
+
+SYSTEM = System(
+    name="satellite_ranging",
+    title="satellite to satellite: passive ranging from angles, rates, radial velocity and radial acceleration",
+    scenario=Scenario,
+    declare=declare,
+    **packaged("satellite_ranging"),
+)

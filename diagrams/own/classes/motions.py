@@ -1,0 +1,34 @@
+"""A user's own motion model as what the estimators believe in."""
+
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from dataclasses import dataclass
+
+from diagrams.quantities.states import POSITION, VELOCITY
+from diagrams.schema.errors import UserError
+from systems.documented import documented, text
+from systems.motion.custom import CustomMotion, made
+
+__all__ = ["Custom"]
+
+
+@dataclass
+class Custom:
+    """A motion model of one's own: a subclass of systems.motion.base.MotionModel, whose transition may be lacking.
+
+    Its states are x, y, z, vx, vy, vz in the axes of the frame.
+    """
+
+    class_: str = text("where the class is: package.module:Class, beside this file, say")
+    options: dict[str, bool | int | float | str] = documented("keyword arguments of the class", factory=dict)
+
+    def model(self, where: str) -> CustomMotion:
+        """Return the motion model."""
+        try:
+            motion, has_transition = made(self.class_, self.options)
+        except ValueError as error:
+            raise UserError(f"{where}.{error}") from error
+        found = CustomMotion(motion, has_transition, where, self.class_, UserError)
+        states = (*POSITION, *VELOCITY)
+        if found.names != states:
+            raise UserError(f"{where}: {self.class_}.names: {found.names} is not allowed; {states}")
+        return found

@@ -1,0 +1,103 @@
+"""What is behind the sensors of a system of one's own: their errors, and all their rows side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagrams.assembly.bus import Bus
+from diagrams.own.declaring.sensing import Measured, PlacedSensor
+from diagrams.own.fields.kinds import Bearing, Tdoa, Toa
+from diagrams.parts.impairment import Impaired, Mount
+from diagrams.parts.sensor_errors import CommonErrors, SensorErrors, refuse
+from diagrams.quantities.frame import Frame
+from diagrams.schema.errors import choose
+from systems.angles.bearing import Bearing as BearingModel
+from systems.angles.phase import InterferometerPhase
+from systems.geometry.body_frame import body_frame
+from systems.measurement.differenced import Differenced
+from systems.plants.joined import Joined
+
+__all__ = ["Together", "impaired"]
+
+Array = NDArray[np.float64]
+
+
+def impaired(one: PlacedSensor, frame: Frame, platforms: Sequence[str]) -> Impaired:
+    """Return the part that impairs what a sensor reads; a `UserError` names errors that it cannot have."""
+    refused = {"platform": "platform_errors says how well the platforms are known"}
+    mounts = [mount for kind in one.kinds for mount in _mounts(kind, frame)]
+    clocks = {row: pair for kind in one.kinds for row, pair in _clocks(kind).items()}
+    if not mounts:
+        refused["attitude"] = "only a !Bearing in local axes and a !Phase have a direction that they may be off in"
+    if not clocks:
+        refused["clock_offset"] = "only a !Tdoa or a !Toa compares clocks"
+    where, errors = f"sensors.{one.name}.errors", one.field.errors
+    refuse(errors, where, refused)
+    compared = {number for pair in clocks.values() for number in pair}
+    names = [name for number, name in enumerate(platforms) if number in compared]
+    late = errors.clock_offset_platform or (names[0] if names else platforms[0])
+    if names:
+        choose(f"{where}.clock_offset_platform", late, names)
+    common = {field.name: getattr(errors, field.name) for field in fields(CommonErrors)}
+    return Impaired(
+        one.real,
+        one.clock,
+        SensorErrors(**common, clock_offset_platform=list(platforms).index(late)),
+        mounts,
+        clocks,
+        takes=one.name,
+        gives=[f"{one.name}_raw"],
+        prefix=f"{one.name}_",
+    )
+
+
+def _mounts(kind: Measured, frame: Frame) -> list[Mount]:
+    model = kind.real
+    if isinstance(kind.field, Bearing) and isinstance(model, BearingModel) and frame.flat:
+        return [Mount(model.names, model.platform)]
+    if isinstance(model, InterferometerPhase):
+        rows = [row for part in (model, *kind.links) for row in part.names]
+        return [Mount(rows, model.platform, partial(_body, model.earth_rate))]
+    return []
+
+
+def _body(earth_rate: float, carrier: Array) -> Array:
+    """Return the axes of a satellite that points to nadir."""
+    return body_frame(carrier[..., None, :], 0, earth_rate)
+
+
+def _clocks(kind: Measured) -> dict[str, tuple[int, int]]:
+    model = kind.real
+    if not (isinstance(kind.field, Tdoa | Toa) and isinstance(model, Differenced)):
+        return {}
+    return {row: (receiver, model.reference) for row, receiver in zip(model.names, model.receivers, strict=True)}
+
+
+@dataclass(frozen=True)
+class Together:
+    """All sensors' rows side by side; a sensor off its own clock has none.
+
+    Attributes
+    ----------
+    names : sequence of str
+        Of the sensors.
+    gives : sequence of str
+        What it is called.
+    """
+
+    names: Sequence[str]
+    gives: Sequence[str] = ("measurement",)
+
+    def __call__(self, bus: Bus) -> None:
+        """See `diagrams.assembly.model.Part`."""
+        raw = {name: f"{name}_raw" for name in self.names}
+        if len(raw) == 1:
+            bus.publish(**dict.fromkeys(self.gives, bus[next(iter(raw.values()))]))
+            return
+        shapes = {name: bus.shape(signal) for name, signal in raw.items()}
+        bus.add(Joined(shapes, "measurements"), gives=dict.fromkeys(self.gives, "state"), takes=raw)

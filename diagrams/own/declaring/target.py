@@ -1,0 +1,134 @@
+"""The target of a system of one's own: how it moves, how that is believed, its oscillator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import OutputPort
+
+from diagrams.assembly.bus import Bus
+from diagrams.own.classes import motions, plants
+from diagrams.own.fields.schema import ConstantVelocity, Orbital, Oscillator, OwnScenario
+from diagrams.parts.formation import gravity_constants
+from diagrams.parts.movers import ModelTarget
+from diagrams.paths.functions import Path
+from diagrams.paths.movers import (
+    Fixed,
+    Geodetic,
+    Kepler,
+    Offset,
+    PositionVelocity,
+    RandomMotion,
+    Straight,
+    StraightLine,
+)
+from diagrams.quantities.frame import INERTIAL
+from diagrams.schema.errors import UserError
+from systems.clocks import Clock
+from systems.constants import SPEED_OF_LIGHT
+from systems.motion import constant_velocity
+from systems.motion.base import MotionModel
+from systems.motion.orbital import OrbitalMotion
+from systems.motion.random_walk import RandomWalk
+from systems.motion.side_by_side import SideBySide
+from systems.plants.joined import Joined
+from systems.plants.model_plant import ModelPlant
+from systems.plants.path import Path as PathBlock
+
+__all__ = ["Target", "spread_of", "target_motion", "true_motion", "with_bias"]
+
+Array = NDArray[np.float64]
+
+
+def target_motion(scenario: OwnScenario) -> MotionModel:
+    """Return how the target is believed to move, without its oscillator."""
+    field = scenario.belief.motion
+    if isinstance(field, motions.Custom):
+        return field.model("belief.motion")
+    if isinstance(field, Orbital):
+        if scenario.axes is not INERTIAL:
+            raise UserError(f"belief.motion: !Orbital is for frame inertial only, this is {scenario.frame}")
+        constants = gravity_constants(scenario.constants)
+        return OrbitalMotion(constants, constants.j2 != 0, density=field.density_m2ps3)
+    if isinstance(field, ConstantVelocity):
+        return constant_velocity.ConstantVelocity(field.acceleration_mps2)
+    return constant_velocity.WhiteNoiseAcceleration(field.density_m2ps3)
+
+
+def with_bias(scenario: OwnScenario, motion: MotionModel, walk: float | None) -> MotionModel:
+    """Return a target's motion with the oscillator's beside it, where there is one."""
+    if scenario.oscillator is None:
+        return motion
+    wander = scenario.oscillator.walk_hz2ps if walk is None else walk
+    density = wander * _metres_per_hertz(scenario.oscillator) ** 2
+    return SideBySide([motion, RandomWalk([density], ["bias"], ["m/s"])])
+
+
+def _metres_per_hertz(oscillator: Oscillator) -> float:
+    """Return the size of a range rate that shifts the carrier by a hertz [m/s/Hz]."""
+    return SPEED_OF_LIGHT / (oscillator.carrier_mhz * 1e6)
+
+
+def true_motion(scenario: OwnScenario, believed: MotionModel) -> MotionModel | None:
+    """Return the motion that the target really has, if it is one of the models."""
+    target, motion = scenario.target, None
+    if isinstance(target, RandomMotion):
+        motion = believed
+    elif isinstance(target, Kepler | PositionVelocity | Offset) and scenario.axes is INERTIAL:
+        constants = gravity_constants(scenario.constants)
+        motion = OrbitalMotion(constants, constants.j2 != 0)
+    elif isinstance(target, Fixed | Straight) or (
+        isinstance(target, Geodetic | StraightLine) and scenario.axes.geodetic
+    ):
+        motion = constant_velocity.ConstantVelocity(0.0)
+    return None if motion is None else with_bias(scenario, motion, None)
+
+
+def spread_of(scenario: OwnScenario, position: float, velocity: float, offset_hz: float) -> Array:
+    """Return the covariance of a state: standard deviations per axis [m], [m/s], of the oscillator [Hz]."""
+    sigmas = [position] * 3 + [velocity] * 3
+    if scenario.oscillator is not None:
+        sigmas.append(offset_hz * _metres_per_hertz(scenario.oscillator))
+    return np.diag(np.square(sigmas))
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is looked for, with its oscillator: publishes ``target`` and ``truth``."""
+
+    scenario: OwnScenario
+    motion: MotionModel
+    path: Path
+    clock: Clock
+
+    def __call__(self, bus: Bus) -> None:
+        """See `diagrams.assembly.model.Part`."""
+        target, oscillator = self.scenario.target, self.scenario.oscillator
+        bias, drawn = [], 0.0
+        if oscillator is not None:
+            bias, drawn = [-oscillator.offset_hz * _metres_per_hertz(oscillator)], oscillator.sigma_offset_hz
+        if isinstance(target, RandomMotion):
+            about = spread_of(self.scenario, target.sigma_position_m, target.sigma_velocity_mps, drawn)
+            motion = with_bias(self.scenario, self.motion, None)
+            ModelTarget(motion, self.clock, np.append(self.path(0.0), bias), about)(bus)
+            return
+        flight = self._flight(bus, "target" if oscillator is None else "flight")
+        if oscillator is None:
+            bus.publish(target=flight, truth=flight)
+            return
+        density = oscillator.walk_hz2ps * _metres_per_hertz(oscillator) ** 2
+        walk = RandomWalk([density], ["bias"], ["m/s"])
+        variance = [[(drawn * _metres_per_hertz(oscillator)) ** 2]]
+        trials = bus.trials if drawn or density else 1
+        bus.add(ModelPlant(walk, self.clock, bias, variance, trials, name="oscillator"))
+        parts = {"flight": "flight.state", "oscillator": "oscillator.state"}
+        shapes = {name: bus.shape(signal) for name, signal in parts.items()}
+        bus.add(Joined(shapes, "target"), gives={"target": "state", "truth": "state"}, takes=parts)
+
+    def _flight(self, bus: Bus, name: str) -> OutputPort:
+        """Add what moves, without its oscillator; return its state (trials or 1, 6)."""
+        if isinstance(self.scenario.target, plants.Custom):
+            return plants.add_plant(self.scenario.target, bus, name).GetOutputPort("state")
+        return bus.add(PathBlock(self.path, name)).GetOutputPort("state")

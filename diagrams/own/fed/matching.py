@@ -1,0 +1,149 @@
+"""Which rows of which sensors the rows of a table are, and what they are in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagrams.own.fed.rows import Row
+from diagrams.readers.measurements import MeasurementTable, Series
+from diagrams.readers.units import factor_of
+from diagrams.schema.errors import UserError, choose
+from systems.angles.bearing import from_compass
+
+__all__ = ["Matched", "matched"]
+
+Array = NDArray[np.float64]
+
+_ALIASES = {"bearing": "azimuth", "doppler": "frequency", "received_frequency": "frequency"}
+"""Kinds that are a row's after a conversion: a bearing is clockwise from north, a received frequency is a whole one."""
+
+_DBW = 30.0  # dBm
+_TURN = 2 * np.pi * (1 + 1e-9)
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """Rows of a table as rows of sensors.
+
+    Attributes
+    ----------
+    row : ndarray of int, shape (rows of the table,)
+        Which of the sensors' rows.
+    value, sigma : ndarray
+        SI units; NaN: missing, not said.
+    notes : list of str
+        What a reader of the results must know.
+    """
+
+    row: NDArray[np.int64]
+    value: Array
+    sigma: Array
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class _Meaning:
+    """How a series becomes a row: its number, and value times factor plus offset."""
+
+    row: int
+    factor: float
+    offset: float = 0.0
+    compass: bool = False
+
+
+def matched(table: MeasurementTable, rows: Sequence[Row]) -> Matched:
+    """Return what the rows of a table are.
+
+    Raises
+    ------
+    UserError
+        With file, line, column and value, for kinds, receivers, references that no sensor has, units of something else,
+        and values that cannot be.
+    """
+    first = np.unique(table.which, return_index=True)[1]
+    meanings = [_meaning(table, int(first[i]), one, rows) for i, one in enumerate(table.series)]
+    row = np.array([one.row for one in meanings])[table.which]
+    factor = np.array([one.factor for one in meanings])[table.which]
+    offset = np.array([one.offset for one in meanings])[table.which]
+    compass = np.array([one.compass for one in meanings])[table.which]
+    value, sigma = table.value * factor, table.sigma * np.abs(factor)
+    value[compass] = from_compass(np.degrees(value[compass]))
+    value = np.where(offset == 0, value, value + offset)
+    _check(table, rows, row, value)
+    return Matched(row, value, sigma, _notes(table, rows, row))
+
+
+def _meaning(table: MeasurementTable, at: int, series: Series, rows: Sequence[Row]) -> _Meaning:
+    kind = _ALIASES.get(series.kind, series.kind)
+    with_kind = [i for i, row in enumerate(rows) if row.kind == kind]
+    try:
+        if not with_kind:
+            choose("kind", series.kind, dict.fromkeys([*(row.kind for row in rows), *_offered(rows)]))
+        i, sign = _found(series, rows, with_kind)
+        row = rows[i]
+        try:
+            power = series.unit == "dBW" and row.unit == "dBm"
+            factor = 1.0 if power else factor_of(series.unit, row.unit)
+        except ValueError as error:
+            raise UserError(f"unit: {error} for {row.name}") from error
+    except UserError as error:
+        raise table.wrong(at, str(error)) from error
+    offset = _DBW if power else -row.carrier if series.kind == "received_frequency" else 0.0
+    return _Meaning(i, sign * factor, offset, series.kind == "bearing")
+
+
+def _offered(rows: Sequence[Row]) -> list[str]:
+    kinds = {row.kind for row in rows}
+    return [alias for alias, kind in _ALIASES.items() if kind in kinds]
+
+
+def _found(series: Series, rows: Sequence[Row], of_kind: Sequence[int]) -> tuple[int, float]:
+    """Return the number of a series' row, and -1 where receiver and reference are the other way round."""
+    for i in of_kind:
+        row = rows[i]
+        if (row.receiver, row.reference) == (series.receiver, series.reference):
+            return i, 1.0
+    for i in of_kind:
+        row = rows[i]
+        if row.reference and (row.reference, row.receiver) == (series.receiver, series.reference):
+            return i, -1.0
+    mine = [rows[i] for i in of_kind]
+    receivers = dict.fromkeys(row.receiver for row in mine)
+    if series.receiver not in receivers:
+        choose("receiver", series.receiver or "''", [name or "'' (none)" for name in receivers])
+    references = dict.fromkeys(row.reference for row in mine if row.receiver == series.receiver)
+    raise UserError(
+        f"reference: {series.reference or 'nothing'} is not allowed for {series.kind} at {series.receiver}; "
+        f"{', '.join(name or 'nothing' for name in references)}"
+    )
+
+
+def _check(table: MeasurementTable, rows: Sequence[Row], row: NDArray[np.int64], value: Array) -> None:
+    """Refuse what cannot be: mostly a unit that is another one than the table says."""
+    for i, one in enumerate(rows):
+        turn = one.kind in ("azimuth", "elevation")
+        most = (_TURN if one.kind == "azimuth" else np.pi / 2) if turn else 0.5 * one.carrier
+        if not most:
+            continue
+        for k in np.flatnonzero((row == i) & (np.abs(value) > most))[:1]:
+            unit = table.series[table.which[k]].unit
+            words = (
+                f"at most {'a turn' if one.kind == 'azimuth' else 'a right angle'} either way"
+                if turn
+                else f"counted from the carrier of {one.carrier:g} Hz, a whole one is kind received_frequency"
+            )
+            raise table.wrong(int(k), f"value: {table.value[k]:g} {unit} is not allowed for {one.name}; {words}")
+
+
+def _notes(table: MeasurementTable, rows: Sequence[Row], row: NDArray[np.int64]) -> list[str]:
+    notes = []
+    if any(one.kind == "azimuth" for one in table.series) and any(one.kind == "azimuth" for one in rows):
+        notes.append("azimuth: taken as counter-clockwise from east (clockwise from north is kind bearing).")
+    absent = [one.name for i, one in enumerate(rows) if not np.any(row == i)]
+    if absent:
+        notes.append(f"{table.path.name}: it has no rows of {', '.join(absent)}.")
+    return notes

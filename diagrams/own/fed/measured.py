@@ -1,0 +1,174 @@
+"""A system of one's own that is fed from a file: what is different from one that is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path as FilePath
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from diagrams.assembly.recorded import Recorded
+from diagrams.own.classes import plants
+from diagrams.own.declaring.sensing import Measured
+from diagrams.own.fed.played import Played, played, table_of
+from diagrams.own.fed.report import measured_report
+from diagrams.own.fed.rows import rows_of
+from diagrams.own.fields.schema import OwnScenario, Prior
+from diagrams.own.fields.starts import KnownHeight
+from diagrams.parts.formation import gravity_constants
+from diagrams.paths.functions import Path, path_of
+from diagrams.paths.movers import RandomMotion, Sp3, Tle, Track
+from diagrams.paths.places import Places
+from diagrams.paths.records import Setting
+from diagrams.readers.measurements import MeasurementTable
+from diagrams.schema.errors import UserError
+from systems.earth.time_scales import posix_of, posix_to_tai
+
+__all__ = [
+    "believed_noise",
+    "measured",
+    "recorded_of",
+    "setting_of",
+    "table_of_scenario",
+    "true_path",
+]
+
+
+Array = NDArray[np.float64]
+
+
+def table_of_scenario(scenario: OwnScenario, folder: FilePath) -> MeasurementTable | None:
+    """Return the table of measurements of a scenario; None: it is simulated.
+
+    Raises
+    ------
+    UserError
+        As `diagrams.readers.measurements.read_measurements`.
+    """
+    field = scenario.measurements
+    if field is None:
+        return None
+    if not field.file:
+        raise UserError("measurements.file: none is given; the path of a file")
+    return table_of(folder / field.file)
+
+
+def setting_of(scenario: OwnScenario, folder: FilePath, table: MeasurementTable | None) -> Setting:
+    """Return when and where files are read for: without start_utc the first row of a table with dates is t = 0."""
+    setting = Setting(scenario.duration_s, scenario.start_utc, folder, scenario.reference_orbit)
+    if setting.began() is None and table is not None and table.whole is not None:
+        whole, rest = table.first
+        return replace(setting, zero=(posix_of(whole), rest))
+    return setting
+
+
+def true_path(scenario: OwnScenario, setting: Setting) -> Path | None:
+    """Return where the target is, as far as a scenario with measurements says it; None: nobody knows.
+
+    A target that is drawn, or simulated by a user's own system, says nothing of a recorded one.
+    """
+    field, constants = scenario.measurements, gravity_constants(scenario.constants)
+    assert field is not None
+    if field.truth:
+        return path_of(field.truth, scenario.axes, setting, constants, "measurements.truth")
+    if scenario.target is None or isinstance(scenario.target, RandomMotion | plants.Custom):
+        return None
+    return path_of(scenario.target, scenario.axes, setting, constants, "target")
+
+
+def measured(
+    scenario: OwnScenario,
+    setting: Setting,
+    table: MeasurementTable,
+    kinds: Sequence[Measured],
+    places: Places,
+    path: Path | None,
+) -> Played:
+    """Return what was measured in the place of the sensors.
+
+    Raises
+    ------
+    UserError
+        With file and line, or the field of the scenario that means nothing with measurements.
+    """
+    _refuse_simulated(scenario, path)
+    began = None if scenario.start_utc is None else setting.began()
+    start = None if began is None else (posix_to_tai(began[0]), began[1])
+    found = played(table, table.seconds(start), rows_of(kinds, places), believed_noise(kinds), scenario.duration_s)
+    resolved = [kind.where for kind in kinds if kind.resolved]
+    if found.scaled and resolved:
+        raise UserError(
+            f"{table.path.name}: column sigma is not allowed with phases that are resolved ({resolved[0]}); sigma_deg"
+        )
+    known = found if path is None else replace(found, paths=[path] * len(found.names))
+    return replace(known, notes=[*known.notes, *_leaping(scenario, setting, found.end)])
+
+
+def believed_noise(kinds: Sequence[Measured]) -> Array:
+    """Return the noise of the stream of measurements as the estimators believe it to be, shape (m, m)."""
+    models = [model for kind in kinds for model in (kind.believed, *kind.links)]
+    return np.array(block_diag(*(model.noise_covariance() for model in models)))
+
+
+def _refuse_simulated(scenario: OwnScenario, path: Path | None) -> None:
+    """Refuse what is drawn about a truth that nobody knows, or is an error of a simulation.
+
+    Raises
+    ------
+    UserError
+        Naming the field.
+    """
+    errors = scenario.platform_errors
+    for name in ("sigma_position_m", "sigma_velocity_mps"):
+        if getattr(errors, name):
+            raise UserError(
+                f"platform_errors.{name}: {getattr(errors, name):g} is not allowed with measurements; 0, for where the "
+                "platforms are is what is known of them"
+            )
+    start = scenario.start
+    if isinstance(start, Prior) and (path is None or scenario.oscillator is not None):
+        why = "where the target is" if path is None else "the oscillator's error"
+        raise UserError(
+            f"start: !Prior is drawn about the truth, and with measurements nobody knows {why}; !Given, !Snapshot"
+        )
+    if isinstance(start, KnownHeight) and path is None:
+        raise UserError(
+            "start: !KnownHeight draws a height about the truth, and with measurements nobody knows where the target "
+            "is; !Given or !Snapshot"
+        )
+
+
+def _leaping(scenario: OwnScenario, setting: Setting, end: float) -> list[str]:
+    """Return a note on a leap second that paths by dates do not count."""
+    began = setting.began()
+    if began is None or posix_to_tai(began[0] + int(end)) - posix_to_tai(began[0]) == int(end):
+        return []
+    dated = [name for name, one in scenario.platforms.items() if isinstance(one, Tle | Sp3 | Track)]
+    return [f"the run passes a leap second, which the paths of {', '.join(dated)} do not count."] if dated else []
+
+
+def recorded_of(fed: Played, known: bool, began: tuple[int, float] | None) -> Recorded:
+    """Return what makes a model of it a recording.
+
+    Parameters
+    ----------
+    fed : Played
+    known : bool
+        Whether its truth is.
+    began : (int, float), optional
+        t = 0 as seconds since 1970, whole and rest.
+    """
+    since = None if began is None else (posix_to_tai(began[0]), began[1])
+    several = len(fed.names) > 1
+    return Recorded(
+        tracks=fed.names,
+        clocks=[track.clock for track in fed.tracks] if several else (),
+        times=[track.clock.ticks(np.inf) for track in fed.tracks] if several else (),
+        report=partial(measured_report, names=fed.names, began=since, known=known),
+        keeps=["covariance", "innovation", "measurement"],
+        bounds=known and not several,
+    )

@@ -1,0 +1,1 @@
+"""What may stand in the file of a system of a user's own."""

@@ -1,0 +1,23 @@
+"""Measurements of one's own in the place of simulated ones, as scenario fields."""
+
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from dataclasses import dataclass
+
+from diagrams.paths.movers import Track
+from systems.documented import documented, text
+
+__all__ = ["Measurements"]
+
+
+@dataclass
+class Measurements:
+    """What was measured, in a table: CSV with any delimiter, or Parquet.
+
+    Columns time (ISO 8601 with its zone; t = 0 is start_utc, or the first row without it) or time_s, kind, receiver,
+    reference, value, unit; and as needed target, sigma. A row is of the sensor whose row is KIND_RECEIVER_REFERENCE.
+    """
+
+    file: str = text("path, relative to the scenario's file")
+    truth: Track | None = documented(
+        "where the target was, of several with a column target; null: as target says, if it does", None
+    )

@@ -1,0 +1,1 @@
+"""What the components of a state are: names, units, directions, and the frames that they are in."""

@@ -1,0 +1,1 @@
+"""Messages of the Consultative Committee for Space Data Systems: tracking data, ephemerides."""

@@ -1,0 +1,1 @@
+"""Recorded measurements in the place of a simulated sensor."""

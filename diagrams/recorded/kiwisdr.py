@@ -1,0 +1,130 @@
+"""A long-wave transmitter located by three receivers of hobbyists: I/Q samples of DCF77 from KiwiSDRs with GPS stamps.
+
+The cross-ambiguity block compares the receivers pair by pair, once a second; an estimator makes a fix on the ground of
+the time differences against the first receiver. Where the mast stands is used for scoring and nowhere else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+from typing import Any
+
+from diagrams.assembly.bus import Bus
+from diagrams.assembly.model import Assumed, Model
+from diagrams.assembly.recorded import Recorded
+from diagrams.assembly.system import System
+from diagrams.parts.iq_pairs import IqPairs
+from diagrams.quantities.states import POSITION
+from diagrams.readers.data import data_folder
+from diagrams.readers.kiwisdr_data import SOURCE, KiwiData, read_folder
+from diagrams.recorded.reports.kiwisdr_report import report
+from diagrams.recorded.settings.kiwisdr_settings import Settings
+from diagrams.schema.errors import UserError
+from systems.iq.kiwi import common_base
+from systems.measurement.altitude import Altitude
+from systems.measurement.stack import Stack
+from systems.measurement.tdoa import Tdoa
+from systems.motion.constant_velocity import WhiteNoiseAcceleration
+from systems.sensors.joined import JoinedMeasurements, JoinedPart
+from systems.signals import Constant
+from systems.starts.snapshot_start import SnapshotStart
+
+__all__ = ["SOURCE", "SYSTEM", "KiwiData", "Settings", "declare", "declare_data", "read_folder"]
+
+_AT_REST = 1e-3  # m/s; how fast a mast may be
+
+
+@dataclass(frozen=True, eq=False)
+class _Surroundings:
+    """Receivers and mast, which stand still."""
+
+    data: KiwiData
+
+    def __call__(self, bus: Bus) -> None:
+        """See `diagrams.assembly.model.Part`."""
+        bus.add(Constant("stations", self.data.still.reshape(1, -1)), gives={"platforms": "state"})
+        bus.add(Constant("mast", self.data.mast[None]), gives={"truth": "state"})
+
+
+@dataclass(frozen=True, eq=False)
+class _Joined:
+    """The pairs that are used, and the ellipsoid's surface as the height of the transmitter."""
+
+    used: Sequence[tuple[int, int]]
+    altitude: Altitude
+
+    def __call__(self, bus: Bus) -> None:
+        """See `diagrams.assembly.model.Part`."""
+        bus.add(Constant("surface", [[0.0]]))
+        parts = {f"pair_{j}{i}": JoinedPart(2) for i, j in self.used}
+        takes = {"altitude": "surface.state"}
+        for i, j in self.used:
+            takes |= {f"pair_{j}{i}": f"measurement_{j}{i}"}
+            takes |= {f"pair_{j}{i}_noise_covariance": f"noise_covariance_{j}{i}"}
+        joined = JoinedMeasurements({**parts, "altitude": JoinedPart(1, self.altitude.noise_covariance())}, 1)
+        bus.add(joined, gives={port: port for port in ("measurement", "noise_covariance")}, takes=takes)
+
+
+def declare(settings: Settings) -> Model:
+    """Return recorded samples, their comparison and what the estimators are given; see `diagrams.assembly`."""
+    return declare_data(read_folder(data_folder(SOURCE, settings.data)), settings)
+
+
+def declare_data(data: KiwiData, settings: Settings) -> Model:
+    """Return the same of recordings that were read already.
+
+    Raises
+    ------
+    UserError
+        If the recordings have nothing in common.
+    """
+    pairs = list(combinations(range(len(data.names)), 2))
+    try:
+        blocks, _ = common_base(data.recordings, settings.sample_rate_hz, settings.carrier_hz)
+        streams = {name: [block] for name, block in zip(data.names, blocks, strict=True)}
+        length = settings.integration_s
+        compared = IqPairs(streams, pairs, settings.function, settings.window, length, length)
+    except ValueError as error:
+        raise UserError(f"kiwisdr: {error}") from error
+    used = [pair for pair in pairs if pair[0] == 0]
+    epochs = compared.plan.clock.ticks(compared.plan.end).size
+    # what is known of the altitude is spread over all epochs: in the whole it is known once
+    altitude = Altitude(settings.sigma_altitude_m * math.sqrt(epochs))
+    tdoa = Tdoa(1e-6, [j for _, j in used])
+    model = Stack([tdoa, altitude])
+    rows = [name for i, j in used for name in (f"tdoa_{j}{i}", f"fdoa_{j}{i}")] + list(altitude.names)
+
+    def assume(bus: Bus, name: str, options: Any) -> Assumed:
+        start = SnapshotStart(model, rows, _AT_REST, 0.0, noise_port=True)
+        takes = dict.fromkeys(("noise_covariance", "start_noise_covariance"), "noise_covariance")
+        return Assumed(model, WhiteNoiseAcceleration(1e-12), start, rows, takes)
+
+    alone = Stack([tdoa, Altitude(settings.sigma_altitude_m)])
+    return Model(
+        clock=compared.plan.clock,
+        duration=compared.plan.end,
+        divergence=1e3 * settings.divergence_km,
+        parts=[_Surroundings(data), compared, _Joined(used, altitude)],
+        assume=assume,
+        truth_states=POSITION,
+        platforms=data.names,
+        signals={name: name for name in (*compared.signals, "noise_covariance")},
+        rows=rows,
+        recorded=Recorded(
+            report=partial(report, data=data, settings=settings, pairs=pairs, rows=rows, model=alone),
+            keeps=["covariance", "measurement", "noise_covariance", *compared.signals],
+        ),
+    )
+
+
+SYSTEM = System(
+    name="kiwisdr",
+    title="recording: a long-wave transmitter located by the I/Q samples of three receivers with GPS (KiwiSDR)",
+    scenario=Settings,
+    declare=declare,
+    recording=SOURCE,
+)

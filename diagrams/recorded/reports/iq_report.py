@@ -1,0 +1,127 @@
+"""What a comparison of I/Q recordings tells: TDOA and FDOA against time."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagrams.console.tables import Column, Table
+from diagrams.parts.iq_comparison import PairResult
+from diagrams.recorded.settings.iq_settings import Settings
+
+__all__ = ["IqReport"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class IqReport:
+    """What came out of a comparison of recordings.
+
+    Attributes
+    ----------
+    settings : Settings
+    dated : bool
+        Whether the files say when they begin; otherwise they were taken to begin together.
+    length : float
+        Integration time [s].
+    times : ndarray, shape (samples,)
+        Middle of each comparison at the first receiver, since the first sample of all [s].
+    pairs : list of PairResult
+        Each recording against the first.
+    gaps : list of str
+        What of the recordings was not compared, in words.
+    """
+
+    settings: Settings
+    dated: bool
+    length: float
+    times: Array
+    pairs: list[PairResult] = field(default_factory=list)
+    gaps: list[str] = field(default_factory=list)
+
+    def table(self) -> Table:
+        """See `Report.table`."""
+        heads = ("TDOA, us", "scatter", "sigma", "FDOA, Hz", "scatter", "sigma", "peak, dB", "found")
+        title = f"{self.times.size} comparisons of {1e3 * self.length:.4g} ms with {self.pairs[0].main}"
+        table = Table(title, [Column("recording"), *heads])
+        for pair in self.pairs:
+            good = pair.good
+            if not good.any():
+                table.add(pair.auxiliary, *["-"] * 7, f"0 of {good.size}")
+                continue
+            table.add(
+                pair.auxiliary,
+                f"{1e6 * np.median(pair.tdoa[good]):.4f}",
+                f"{1e6 * pair.tdoa[good].std():.4f}",
+                f"{1e6 * np.median(pair.sigma_tdoa[good]):.4f}",
+                f"{np.median(pair.fdoa[good]):.3f}",
+                f"{pair.fdoa[good].std():.3f}",
+                f"{np.median(pair.sigma_fdoa[good]):.3f}",
+                f"{10 * np.log10(np.median(pair.peak[good])):.1f}",
+                f"{np.count_nonzero(good)} of {good.size}",
+            )
+        return table
+
+    def notes(self) -> list[str]:
+        """See `Report.notes`."""
+        lines = ["differences: that recording minus the first; medians over time"]
+        if not self.dated:
+            lines.append("the files do not say when they begin (core:datetime); they were taken to begin together")
+        lines += self.gaps
+        lines += [f"{pair.auxiliary}: flagged: {reasons}" for pair in self.pairs if (reasons := pair.reasons())]
+        return lines
+
+    def summary(self) -> Mapping[str, Any]:
+        """See `Report.summary`."""
+        return {
+            "integration_s": self.length,
+            "settings": {one.name: getattr(self.settings, one.name) for one in fields(self.settings)},
+            "gaps": self.gaps,
+            "time_s": self.times.tolist(),
+            "pairs": {
+                f"{pair.auxiliary} - {pair.main}": {
+                    "tdoa_s": _listed(pair.tdoa),
+                    "sigma_tdoa_s": _listed(pair.sigma_tdoa),
+                    "fdoa_hz": _listed(pair.fdoa),
+                    "sigma_fdoa_hz": _listed(pair.sigma_fdoa),
+                    "peak_to_noise": _listed(pair.peak),
+                    "flag": pair.flag.tolist(),
+                }
+                for pair in self.pairs
+            },
+        }
+
+    def draw(self, folder: Path) -> list[Path]:
+        """See `Report.draw`: the figure, and the same numbers as CSV."""
+        from diagrams.figures.style import save
+        from diagrams.recorded.reports.iq_figures import draw_differences
+
+        return [
+            save(draw_differences(self.pairs, self.times, self.length), folder / "differences.png"),
+            self._write(folder / "differences.csv"),
+        ]
+
+    def _write(self, path: Path) -> Path:
+        with path.open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(
+                ["time_s", "main", "auxiliary", "tdoa_s", "sigma_tdoa_s", "fdoa_hz", "sigma_fdoa_hz", "flag"]
+            )
+            for pair in self.pairs:
+                columns = (pair.tdoa, pair.sigma_tdoa, pair.fdoa, pair.sigma_fdoa)
+                for k, time in enumerate(self.times):
+                    numbers = [f"{column[k]:.12g}" if np.isfinite(column[k]) else "" for column in columns]
+                    writer.writerow([f"{time:.9f}", pair.main, pair.auxiliary, *numbers, int(pair.flag[k])])
+        return path
+
+
+def _listed(values: Array) -> list[float | None]:
+    return [float(value) if math.isfinite(value) else None for value in values]

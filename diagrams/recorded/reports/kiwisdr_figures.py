@@ -1,0 +1,106 @@
+"""Figures of the KiwiSDR recordings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from diagrams.figures.style import grid, new_figure
+from systems.constants import SPEED_OF_LIGHT
+from systems.earth.geodetic import ecef_to_geodetic
+
+if TYPE_CHECKING:
+    from diagrams.recorded.reports.kiwisdr_report import KiwiReport
+
+__all__ = ["draw_differences", "draw_map"]
+
+Array = NDArray[np.float64]
+
+_COLOURS = ("#0072b2", "#d55e00", "#009e73")
+
+
+def draw_differences(result: KiwiReport) -> Figure:
+    """Draw the TDOAs of every pair against time, with what the samples let expect, and the true differences."""
+    figure, axes = new_figure(height=8, rows=len(result.pairs), sharex=True)
+    for panel, (pair, found), colour in zip(axes, result.pairs.items(), _COLOURS, strict=False):
+        true, good = result.true_difference(pair), found.good
+        panel.errorbar(
+            result.times[good],
+            1e6 * found.tdoa[good],
+            1e6 * found.sigma_tdoa[good],
+            fmt="o",
+            color=colour,
+            ms=5,
+            capsize=2,
+            lw=1.2,
+            label=f"{found.auxiliary} - {found.main}, with the sigma predicted",
+        )
+        panel.axhline(1e6 * true, color="black", lw=1.4, ls=(0, (6, 3)), label="by the straight lines from the mast")
+        panel.axhline(1e6 * np.median(found.tdoa[good]), color=colour, lw=1.2, label="median")
+        panel.set_ylabel("TDOA [us]")
+        grid(panel)
+        panel.legend(frameon=False, ncols=3, loc="upper left")
+        panel.margins(y=0.25)
+    axes[-1].set_xlabel("time [s]")
+    figure.suptitle(
+        f"{result.data.transmitter}: time differences of arrival, windows of {result.settings.integration_s:g} s"
+    )
+    return figure
+
+
+def _degrees(position: Array) -> Array:
+    latitude, longitude, _ = ecef_to_geodetic(position)
+    return np.degrees(np.stack([longitude, latitude]))
+
+
+def _hyperbolas(axes: Any, result: KiwiReport) -> None:
+    stations = result.data.stations
+    low, high = _degrees(stations).min(axis=1) - 3, _degrees(stations).max(axis=1) + 3
+    longitude, latitude = np.meshgrid(np.linspace(low[0], high[0], 300), np.linspace(low[1], high[1], 300))
+    from systems.earth.geodetic import geodetic_to_ecef
+
+    place = geodetic_to_ecef(np.radians(latitude), np.radians(longitude), 0.0)
+    distance = np.linalg.norm(place[..., None, :] - stations, axis=-1) / SPEED_OF_LIGHT
+    for (pair, found), colour in zip(result.pairs.items(), _COLOURS, strict=False):
+        value = distance[..., pair[1]] - distance[..., pair[0]] - np.median(found.tdoa[found.good])
+        axes.contour(longitude, latitude, value, levels=[0.0], colors=[colour], linewidths=1.4)
+        axes.plot([], [], color=colour, lw=1.4, label=f"{found.auxiliary} - {found.main}")
+
+
+def draw_map(result: KiwiReport) -> Figure:
+    """Draw receivers and hyperbolas on a map, and the fixes around the mast, with the ellipse that is believed."""
+    figure, (left, right) = new_figure(height=7, columns=2)
+    _hyperbolas(left, result)
+    receivers = _degrees(result.data.stations)
+    left.plot(*receivers, "^", color="black", ms=9, label="receivers")
+    for name, place in zip(result.data.names, receivers.T, strict=True):
+        left.annotate(name, place, xytext=(7, 6), textcoords="offset points")
+    left.plot(*_degrees(result.data.mast), "+", color="black", ms=16, mew=2, label="mast")
+    left.plot(*_degrees(result.fix.estimate[-1]), "o", fillstyle="none", color="#cc79a7", ms=11, mew=2, label="fix")
+    left.set(xlabel="longitude [deg]", ylabel="latitude [deg]", title="hyperbolas of the median differences")
+    left.set_aspect(1 / np.cos(np.radians(receivers[1].mean())))
+    grid(left)
+    left.legend(loc="lower left", framealpha=0.9)
+
+    singly, end = result.fix.local(result.singly) / 1e3, result.fix.local(result.fix.estimate[-1]) / 1e3
+    right.plot(singly[:, 0], singly[:, 1], ".", color="0.55", ms=8, label="each window alone")
+    right.plot(end[0], end[1], "o", fillstyle="none", color="#cc79a7", ms=11, mew=2, label="fix of all windows")
+    values, vectors = np.linalg.eigh(result.fix.horizontal_covariance() / 1e6)
+    angle = np.linspace(0, 2 * np.pi, 100)
+    ring = 2 * np.sqrt(np.maximum(values, 0)) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    ellipse = ring @ vectors.T + end[:2]
+    right.plot(*ellipse.T, color="#cc79a7", lw=1.6, label="its ellipse of two sigma")
+    right.plot(0, 0, "+", color="black", ms=18, mew=2, label="mast")
+    right.set(xlabel="east of the mast [km]", ylabel="north of the mast [km]", title="fixes")
+    right.set_aspect("equal", adjustable="datalim")
+    right.margins(0.12)
+    grid(right)
+    right.legend(loc="best", framealpha=0.9)
+    figure.suptitle(
+        f"{result.data.transmitter}: fix {result.fix.error / 1e3:.2f} km from the mast; the scatter alone claims "
+        f"{result.fix.sigma / 1e3:.2f} km"
+    )
+    return figure

@@ -1,0 +1,58 @@
+"""The scenario of `diagrams.recorded.iq`: what ``--set KEY=VALUE`` changes."""
+
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Union
+
+from systems.ambiguity.differences import Window
+from systems.ambiguity.prefilter import Band, Everything, Prefilter
+from systems.documented import documented, number
+from systems.registry import estimator_options
+
+if TYPE_CHECKING:
+    from systems.estimators.options import EstimatorOptions
+
+    EstimatorChoice = EstimatorOptions
+else:
+    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
+
+__all__ = ["Settings"]
+
+_ALL = 1e12  # Hz; beyond any sample rate
+
+
+@dataclass
+class Settings:
+    """Integration time, window and band; each field says what it is."""
+
+    integration_s: float = number(
+        "integration time; 0: a sixteenth of what the recordings have in common, at most 0.1 s", 0.0, at_least=0.0
+    )
+    every_s: float = number("time from one comparison to the next; 0: the integration time", 0.0, at_least=0.0)
+    delay_us: float = number("centre of the window in which the peak is sought", 0.0)
+    half_delay_us: float = number("half of its width", 350.0, at_least=0.0)
+    frequency_hz: float = number("centre of the window", 0.0)
+    half_frequency_hz: float = number("half of its width", 1000.0, at_least=0.0)
+    low_hz: float = number("lower edge of the band that is compared, from the tuned frequency", -_ALL)
+    high_hz: float = number("its upper edge", _ALL)
+    notch_hz: float = number("half-width of a gap at the tuned frequency: takes a carrier away", 0.0, at_least=0.0)
+    confidence: float = number(
+        "least chance that noise alone would not have made the peak; below, there is no measurement",
+        0.99,
+        at_least=0.0,
+        at_most=1.0,
+    )
+    data: list[str] = documented("the recordings, SigMF files; each is compared with the first", factory=list)
+    estimators: dict[str, EstimatorChoice] = documented("none: nothing is estimated", factory=dict)
+
+    @property
+    def prefilter(self) -> Prefilter:
+        """What both channels pass."""
+        if self.low_hz <= -_ALL and self.high_hz >= _ALL and self.notch_hz == 0:
+            return Everything()
+        return Band(self.low_hz, self.high_hz, self.notch_hz, known=False)
+
+    @property
+    def window(self) -> Window:
+        """Where the peak is sought."""
+        return Window(1e-6 * self.delay_us, self.frequency_hz, 1e-6 * self.half_delay_us, self.half_frequency_hz)

@@ -1,0 +1,1 @@
+"""What a scenario may say, how it is read and checked, and the one kind of error that a user sees."""

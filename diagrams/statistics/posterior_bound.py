@@ -1,0 +1,126 @@
+"""The posterior Cramer-Rao bound along each trial's own truth: the recursion, one epoch after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from diagrams.quantities.states import Moves
+from systems.counting import tally
+from systems.filters.square_root import Gains
+from systems.filters.whitening import Whitener, whitened_jacobian
+from systems.linear_algebra import cholesky, symmetric
+from systems.measurement.base import MeasurementModel
+
+__all__ = ["bound_steps", "posterior_bound"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def posterior_bound(
+    truth: Array,
+    platforms: Array,
+    times: ArrayLike,
+    model: MeasurementModel,
+    motion: Moves,
+    start_covariance: Array,
+    first_epoch_used: bool,
+    present: Mask | None = None,
+    flown: Array | None = None,
+) -> Array:
+    r"""Return the posterior Cramer-Rao bound of every trial at every epoch.
+
+    .. math:: J_{k+1} = (\Phi_k J_k^{-1} \Phi_k^T + Q_k)^{-1} + H_{k+1}^T R^{-1} H_{k+1}, \qquad P_k = J_k^{-1}
+
+    Tichavsky, Muravchik and Nehorai, *Posterior Cramer-Rao bounds for discrete-time nonlinear filtering*, IEEE Trans.
+    Signal Processing 46 (1998) 1386-1396, eq. (34), with the expectations replaced by their value along the trial's own
+    truth.
+
+    Parameters
+    ----------
+    truth : ndarray, shape (trials or 1, time, n)
+        States; the Jacobians are taken here. Where a number is NaN no measurement counts.
+    platforms : ndarray, shape (trials or 1, time, p, 6)
+        Known platforms.
+    times : array_like, shape (time,)
+        Every epoch, not only those that are stored [s].
+    model : MeasurementModel
+        Measurement of every epoch.
+    motion : MotionModel or CarriedMotion
+        Motion between the epochs; its process noise may be zero.
+    start_covariance : ndarray, shape (trials or 1, n, n) or (n, n)
+        At the first epoch.
+    first_epoch_used : bool
+        True: the first epoch's measurement is already in the start.
+    present : ndarray of bool, shape (trials or 1, time, m), optional
+        Which rows were measured; by default all.
+    flown : ndarray, shape (trials or 1, time, k), optional
+        States at which the motion's derivatives are taken, where those are of other components; by default `truth`.
+
+    Returns
+    -------
+    ndarray, shape (trials, time, n, n)
+        Covariances: the bound after the measurement of the epoch; NaN in a trial that cannot be computed.
+    """
+    steps = bound_steps(truth, platforms, times, model, motion, start_covariance, first_epoch_used, present, flown)
+    return np.stack(list(steps), axis=1)
+
+
+def bound_steps(
+    truth: Array,
+    platforms: Array,
+    times: ArrayLike,
+    model: MeasurementModel,
+    motion: Moves,
+    start_covariance: Array,
+    first_epoch_used: bool,
+    present: Mask | None = None,
+    flown: Array | None = None,
+) -> Iterator[Array]:
+    """Yield the bound (trials, n, n) of one epoch after the other; see `posterior_bound`."""
+    tally("bounded")
+    t = np.asarray(times, dtype=float)
+    start = np.asarray(start_covariance, dtype=float)
+    start = start if start.ndim == 3 else start[None]
+    leading = [truth.shape[0], platforms.shape[0], start.shape[0], 1 if present is None else present.shape[0]]
+    trials = max(leading)
+    if any(count not in (1, trials) for count in leading):
+        raise ValueError(f"trials of truth, platforms, start and present are {leading}; each must be 1 or {trials}")
+    if not truth.shape[1] == platforms.shape[1] == t.size:
+        raise ValueError(f"epochs of truth, platforms and times are {truth.shape[1]}, {platforms.shape[1]}, {t.size}")
+    if start.shape[-1] != motion.size:
+        raise ValueError(f"the start has {start.shape[-1]} states, the motion model {motion.size}")
+
+    varies = type(model).noise_covariance_at is not MeasurementModel.noise_covariance_at
+    whitener = Whitener(model.noise_covariance())
+    covariance, lost = _without_lost(np.broadcast_to(start, (trials, *start.shape[1:])), np.zeros(trials, dtype=bool))
+    course = truth if flown is None else flown
+    # A square root is carried from epoch to epoch: a prior of nearly rank one then loses no digits, and stays
+    # definite where there is no process noise.
+    root = cholesky(covariance)
+    for k in range(t.size):
+        if k > 0:
+            state, dt = course[:, k - 1], float(t[k] - t[k - 1])
+            noise = motion.process_noise(state, dt)
+            root, lost = _without_lost(motion.transition(state, dt) @ root, lost)
+            if np.any(noise):
+                covariance, lost = _without_lost(symmetric(root @ np.swapaxes(root, -1, -2)) + noise, lost)
+                root = cholesky(covariance)
+        if k > 0 or not first_epoch_used:
+            seen = None if present is None else present[:, k]
+            if varies:
+                whitener = Whitener(model.noise_covariance_at(truth[:, k], platforms[:, k]))
+            rows = whitened_jacobian(model.jacobian(truth[:, k], platforms[:, k]), whitener, seen) @ root
+            root = Gains(root, rows).root()
+        yield np.where(lost[:, None, None], np.nan, root @ np.swapaxes(root, -1, -2))
+
+
+def _without_lost(matrices: Array, lost: Mask) -> tuple[Array, Mask]:
+    """Return matrices (trials, n, n) with a stand-in where one is not finite, and which trials are lost by now."""
+    broken = ~np.all(np.isfinite(matrices), axis=(-1, -2), keepdims=True)[:, 0, 0]
+    if not broken.any():
+        return matrices, lost
+    return np.where(broken[:, None, None], np.eye(matrices.shape[-1]), matrices), lost | broken

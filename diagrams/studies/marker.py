@@ -1,0 +1,259 @@
+"""The mark of a folder that Quietfix wrote: what tells it from a user's own, and who is writing in it.
+
+A folder is Quietfix's if it holds a readable marker, never because of the names in it. The marker lists every file
+that was written, so that what somebody added or changed later is seen before the folder is replaced. Whoever writes in
+a folder holds an exclusive `flock` on its marker; the kernel releases that with the process, however it ends.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import re
+import shutil
+import stat
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path, PurePosixPath
+
+from diagrams.schema.errors import UserError
+
+__all__ = [
+    "MAKING",
+    "MARKER",
+    "REPLACED",
+    "RESERVE",
+    "Busy",
+    "Mark",
+    "clear",
+    "discard",
+    "listing",
+    "lock",
+    "read_mark",
+    "strangers",
+]
+
+MARKER = ".quietfix-result.json"
+MAKING = ".quietfix-making"
+"""Folder within an unfinished result for what is written once; it gets its place when all of it is there."""
+REPLACED = ".quietfix-replaced"
+"""Where the earlier result waits within the new one until that has its final name."""
+RESERVE = ".quietfix-reserve"
+"""Bytes held back, so that a full disk still takes the marker and the store's metadata."""
+
+FORMAT = 1
+_LARGEST_MARKER = 1 << 28
+_HASHED = 1 << 20  # bytes at the beginning of a file; more would make large results slow to finish
+# What a run that was killed may leave before its files are listed: an array's metadata and chunks, also half-written.
+_HALF = r"(\.[0-9a-f]{32}\.partial)?"
+_STORE = re.compile(rf"results\.zarr(/[\w.-]+)?(/zarr\.json|/zarr{_HALF}|/c(/\d+)*{_HALF})?/?")
+_MARKERS = re.compile(re.escape(MARKER) + r"(\.\d+)?")
+
+
+class Busy(UserError):
+    """Another run is writing in the folder."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """What the marker of a folder says.
+
+    Attributes
+    ----------
+    kind : str
+        The command that wrote it.
+    finished : bool
+        Whether everything is there.
+    files : dict, optional
+        Fingerprint of every file by its path within the folder; None while they are being written.
+    """
+
+    kind: str
+    finished: bool = False
+    files: dict[str, str] | None = None
+
+    def write(self, folder: Path) -> int:
+        """Write the marker into a folder, locked before it is seen; return its open descriptor."""
+        text = json.dumps(
+            {"format": FORMAT, "kind": self.kind, "version": _version(), "finished": self.finished, "files": self.files}
+        )
+        beside = folder / f"{MARKER}.{os.getpid()}"
+        descriptor = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+        try:
+            _flock(descriptor, folder)
+            with open(descriptor, "w", encoding="utf-8", closefd=False) as stream:
+                stream.write(text + "\n")
+            os.replace(beside, folder / MARKER)
+        except BaseException:
+            os.close(descriptor)
+            beside.unlink(missing_ok=True)
+            raise
+        return descriptor
+
+
+def _version() -> str:
+    try:
+        return version("quietfix")
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def read_mark(folder: Path, option: str = "--out") -> Mark | None:
+    """Return what the marker of a folder says, or None if there is none that can be read.
+
+    Parameters
+    ----------
+    folder : Path
+    option : str
+        What names the folder, for messages.
+
+    Raises
+    ------
+    UserError
+        If a later version of Quietfix wrote it.
+    """
+    path = folder / MARKER
+    try:
+        found = path.lstat()
+        if not stat.S_ISREG(found.st_mode) or found.st_size > _LARGEST_MARKER:
+            return None
+        content = json.loads(path.read_text(encoding="utf-8"))
+        form, kind, by, finished, files = (content[key] for key in ("format", "kind", "version", "finished", "files"))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+    if type(form) is int and form > FORMAT:
+        raise UserError(f"{option}: {folder} was written by a later version of Quietfix; choose another folder")
+    texts = all(isinstance(text, str) and text for text in (kind, by))
+    if type(form) is not int or form != FORMAT or not texts or not isinstance(finished, bool):
+        return None
+    if files is not None and not isinstance(files, dict):
+        return None
+    return Mark(kind, finished, files)
+
+
+def lock(folder: Path) -> int:
+    """Lock the marker of a folder and return its open descriptor; closing it releases the lock.
+
+    Raises
+    ------
+    Busy
+        If another run holds it.
+    OSError
+        If there is no marker.
+    """
+    while True:
+        descriptor = os.open(folder / MARKER, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
+        try:
+            _flock(descriptor, folder)
+            # the marker is replaced when it is written: a lock on the one before says nothing
+            if os.path.samestat(os.fstat(descriptor), (folder / MARKER).lstat()):
+                return descriptor
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)
+
+
+def _flock(descriptor: int, folder: Path) -> None:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise Busy(f"--out: another run is writing in {folder}; wait for it or choose another folder") from error
+    except OSError as error:  # some network file systems
+        warnings.warn(f"--out: {folder} cannot be locked ({error.strerror}); keep other runs out of it", stacklevel=2)
+
+
+# --------------------------------------------------------------------------------------------------- what is there
+
+
+def listing(folder: Path) -> dict[str, str]:
+    """Return the fingerprint of what was written in a folder, by its path there once all that is made has its place.
+
+    What somebody else has put beside it is not listed, and so is known as a stranger.
+    """
+    found = {}
+    for name, path in _walk(folder):
+        top, _, within = name.partition("/")
+        if _STORE.fullmatch(name) or (top == MAKING and within):
+            found[within if top == MAKING else name] = _fingerprint(path)
+    return found
+
+
+def strangers(folder: Path, mark: Mark) -> list[str]:
+    """Return what lies in a marked folder and was not written by Quietfix, or was changed since.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder with a marker.
+    mark : Mark
+        What that says.
+    """
+    found = []
+    earlier = read_mark(folder / REPLACED)
+    # a removal that was cut short leaves folders empty
+    folders = {f"{above.as_posix()}/" for name in mark.files or () for above in PurePosixPath(name).parents}
+    for name, path in _walk(folder):
+        top = name.partition("/")[0]
+        if _MARKERS.fullmatch(name) or top in (RESERVE, MAKING) or name == f"{REPLACED}/":
+            continue
+        if top == REPLACED and earlier is not None:
+            continue
+        if mark.files is None:
+            if not _STORE.fullmatch(name):
+                found.append(name)
+        elif name in folders:
+            continue
+        elif name not in mark.files:
+            found.append(name)
+        elif mark.files[name] != _fingerprint(path):
+            found.append(f"{name}, which was changed")
+    if earlier is not None:
+        found += [f"{REPLACED}/{name}" for name in strangers(folder / REPLACED, earlier)]
+    return found
+
+
+def _walk(folder: Path) -> Iterator[tuple[str, Path]]:
+    """Yield files, links and empty folders (their names end in ``/``); links are not followed."""
+
+    def fail(error: OSError) -> None:
+        raise error
+
+    for where, folders, files in os.walk(folder, onerror=fail):
+        here = Path(where)
+        links = [name for name in folders if (here / name).is_symlink()]
+        for name in sorted([*files, *links]):
+            yield (here / name).relative_to(folder).as_posix(), here / name
+        if not folders and not files and here != folder:
+            yield here.relative_to(folder).as_posix() + "/", here
+
+
+def _fingerprint(path: Path) -> str:
+    """Return size and hash of a file's beginning, or what else it is."""
+    found = path.lstat()
+    if not stat.S_ISREG(found.st_mode):
+        return "folder" if stat.S_ISDIR(found.st_mode) else "link or device"
+    with path.open("rb") as stream:
+        return f"{found.st_size}:{hashlib.sha256(stream.read(_HASHED)).hexdigest()[:32]}"
+
+
+def discard(folder: Path) -> None:
+    """Remove a marked folder, its marker last: what is left of it by a kill is still known as Quietfix's."""
+    clear(folder)
+    (folder / MARKER).unlink(missing_ok=True)
+    folder.rmdir()
+
+
+def clear(folder: Path) -> None:
+    """Remove all but the marker from a folder."""
+    for path in sorted(folder.iterdir()):
+        if path.name == MARKER:
+            continue
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()

@@ -1,0 +1,386 @@
+"""Folders and files that are written: under their final name only when all is there, and never over a user's own."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import stat
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType, TracebackType
+
+import xarray as xr
+
+from diagrams.schema.errors import UserError
+from diagrams.studies.marker import (
+    MAKING,
+    MARKER,
+    REPLACED,
+    RESERVE,
+    Busy,
+    Mark,
+    clear,
+    discard,
+    listing,
+    lock,
+    read_mark,
+)
+from diagrams.studies.marker import strangers as find_strangers
+from diagrams.studies.store import append, consolidate, cut
+
+__all__ = ["OutputFolder", "undisturbed", "written_beside"]
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+_RESERVED = 256 << 10  # bytes
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Hold Ctrl-C back until a write is finished, so that nothing on disk is half-written."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pending = False
+
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal pending
+        pending = True
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if pending:
+        raise KeyboardInterrupt
+
+
+class OutputFolder:
+    """A folder that gets its final name only when everything in it is finished.
+
+    Work goes to ``DIR.partial``, which one run at a time holds. If the run ends early, finished chunks stay there
+    until the next run of that name, and one without any is removed. A folder counts as an earlier result by its
+    marker (`diagrams.studies.marker`) alone; with ``overwrite`` it is replaced at the end, in two renames: it moves
+    into the new folder, and that takes its name. A kill between them leaves both in ``DIR.partial``, and the next run
+    of that name gives it its final name before anything else.
+
+    Parameters
+    ----------
+    folder : path
+        Final name.
+    overwrite : bool
+        Whether an earlier result of that name may be replaced.
+    kind : str
+        The command that writes, for the marker.
+    reads : path, optional
+        An earlier result that the run reads, which it must not remove.
+
+    Raises
+    ------
+    UserError
+        If the folder exists (and is not an earlier result, or `overwrite` is not given), is a link, is the current
+        folder, lies in another result, is written by another run, or cannot be written.
+    """
+
+    def __init__(
+        self, folder: Path | str, overwrite: bool = False, kind: str = "run", reads: Path | str | None = None
+    ) -> None:
+        self.final = _plain(Path(folder))
+        self.chunks = 0
+        self._size = 0
+        self._above: list[Path] = []
+        self._kind, self._overwrite = kind, overwrite
+        self._finished = False
+        self._lock: int | None = None
+        try:
+            self._check_place(self.final)
+            self.partial = self.final.with_name(self.final.name + ".partial")
+            if reads is not None and _within(Path(reads), self.partial):
+                raise UserError(f"--from: {reads} is where --out {self.final} works; choose another folder")
+            with undisturbed():
+                self._begin()
+        except OSError as error:
+            self._release()
+            raise UserError(f"--out: {self.final} cannot be written ({error.strerror or error})") from error
+        except BaseException:
+            self._release()
+            raise
+
+    # ---- beginning
+
+    @classmethod
+    def check(cls, final: Path, overwrite: bool) -> None:
+        """Raise a `UserError` if the folder cannot be one to write, or exists and may not be replaced."""
+        final = _plain(final)
+        try:
+            cls._check_place(final)
+            if not os.path.lexists(final):
+                return
+            cls._check_content(final, overwrite)
+            if not final.stat().st_mode & 0o222:
+                raise UserError(f"--out: {final} is read-only; choose another folder")
+        except OSError as error:
+            raise UserError(f"--out: {final} cannot be written ({error.strerror or error})") from error
+
+    @staticmethod
+    def _check_content(final: Path, overwrite: bool) -> None:
+        mark = read_mark(final)
+        if mark is None:
+            if others := sorted(path.name for path in final.iterdir()):
+                raise UserError(
+                    f"--out: {final} holds other files ({', '.join(others[:3])}) and no mark of an earlier result "
+                    f"({MARKER}); choose a new folder, or remove it yourself"
+                )
+            return
+        if mark.files is None:
+            raise UserError(f"--out: {final} is the unfinished work of another run; choose another folder")
+        _refuse_strangers(final, mark)
+        if not overwrite:
+            raise UserError(f"--out: {final} holds an earlier result; add --overwrite or choose another folder")
+
+    @staticmethod
+    def _check_place(final: Path) -> None:
+        if final.name in ("", ".."):
+            raise UserError(f"--out: {str(final)!r} is not allowed; the name of a new folder or an earlier result")
+        if final.is_symlink():
+            raise UserError(f"--out: {final} is a link to {final.readlink()}; name a folder itself")
+        if os.path.lexists(final) and not final.is_dir():
+            raise UserError(f"--out: {final} exists and is not a folder")
+        whole, here = Path(os.path.realpath(final)), Path.cwd()
+        if whole == here or whole in here.parents:
+            raise UserError(f"--out: {final} is the current folder, or holds it; name a folder within it")
+        if os.path.ismount(final):
+            raise UserError(f"--out: {final} is a mount point; name a folder within it")
+        for above in whole.parents:
+            if read_mark(above) is not None:
+                raise UserError(f"--out: {final} lies in the result {above}; choose another folder")
+
+    def _begin(self) -> None:
+        found = self._take()
+        if found is not None and found.finished and not os.path.lexists(self.final):
+            self._place()  # an earlier run was killed between its two renames
+            print(f"quietfix: {self.partial} was finished by an earlier run; it is {self.final} now", file=sys.stderr)
+            self._release()
+            found = None
+        self.check(self.final, self._overwrite)
+        if found is None:
+            self._make()
+        else:
+            clear(self.partial)
+            self._remark(Mark(self._kind))
+        (self.partial / MAKING).mkdir()
+        (self.partial / RESERVE).write_bytes(os.urandom(_RESERVED))
+
+    def _take(self) -> Mark | None:
+        """Lock what an earlier run left, and return its mark; None if there is nothing."""
+        for patience in (5, 4, 3, 2, 1, 0):
+            if not os.path.lexists(self.partial):
+                return None
+            if self.partial.is_symlink() or not self.partial.is_dir():
+                break
+            try:
+                self._lock = lock(self.partial)
+            except (FileNotFoundError, NotADirectoryError):
+                if patience:  # another run may be making it just now
+                    time.sleep(0.02)
+                continue
+            mark = read_mark(self.partial)
+            if mark is None:
+                break
+            _refuse_strangers(self.partial, mark)
+            return mark
+        raise UserError(
+            f"--out: {self.partial} is needed for the work and was not made by this program; choose another folder, or "
+            "move it away"
+        )
+
+    def _make(self) -> None:
+        self._above = [path for path in self.partial.parents if not path.exists()]
+        try:
+            self.partial.mkdir(parents=True)
+        except FileExistsError as error:
+            raise Busy(f"--out: another run is writing in {self.partial}; choose another folder") from error
+        try:
+            self._remark(Mark(self._kind))
+        except BaseException:
+            self.partial.rmdir()
+            raise
+
+    def _remark(self, mark: Mark) -> None:
+        before, self._lock = self._lock, mark.write(self.partial)
+        if before is not None:
+            os.close(before)
+
+    # ---- writing
+
+    @property
+    def store(self) -> Path:
+        """Where the Dataset goes."""
+        return self.partial / "results.zarr"
+
+    @property
+    def work(self) -> Path:
+        """Where all else goes: files that are written once."""
+        return self.partial / MAKING
+
+    def append(self, chunk: xr.Dataset, along: str = "trial") -> None:
+        """Write one chunk of trials, or of what `along` names; one that cannot be written leaves no trace."""
+        with undisturbed():
+            try:
+                append(self.store, chunk, along, self.chunks == 0)
+            except OSError:
+                if self.chunks:
+                    (self.partial / RESERVE).unlink(missing_ok=True)
+                    cut(self.store, chunk, along, self._size)
+                raise
+            self.chunks += 1
+            self._size += chunk.sizes[along]
+            self._along = along
+
+    # ---- ending
+
+    def finish(self) -> None:
+        """Give the folder its final name.
+
+        Raises
+        ------
+        UserError
+            If something of that name has appeared, or changed, since the beginning; the result stays in ``partial``.
+        """
+        with undisturbed():
+            (self.partial / RESERVE).unlink(missing_ok=True)
+            if self.chunks:
+                with suppress(OSError):  # the result is whole without it
+                    consolidate(self.store)
+            self._settle(finished=True)
+            self._finished = True
+            try:
+                self.check(self.final, self._overwrite)
+            except UserError as error:
+                raise UserError(f"{error}; {self._kept}") from error
+            self._place()
+
+    def _settle(self, finished: bool) -> None:
+        """List what was written in the marker, and give what was made its place."""
+        (self.partial / RESERVE).unlink(missing_ok=True)
+        self._remark(Mark(self._kind, finished, listing(self.partial)))
+        _gather(self.partial)
+
+    def _place(self) -> None:
+        """Turn the finished ``partial`` into the final folder."""
+        _gather(self.partial)
+        replaced = self.partial / REPLACED
+        if read_mark(self.final) is not None:
+            self.final.rename(replaced)
+            try:
+                self.partial.rename(self.final)
+            except OSError:
+                replaced.rename(self.final)
+                raise
+        else:
+            self.partial.rename(self.final)
+        if (self.final / REPLACED).exists():
+            with suppress(OSError):  # the result is there; what cannot be removed is known by its marker
+                discard(self.final / REPLACED)
+
+    def _release(self) -> None:
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def __enter__(self) -> OutputFolder:
+        """Begin."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Keep finished chunks, remove what holds none; a full disk is one line."""
+        try:
+            if kind is not None and not self._finished:
+                with undisturbed():
+                    self._end_early()
+        finally:
+            self._release()
+        if isinstance(error, OSError) and (error.errno in _FULL or _within(Path(str(error.filename)), self.partial)):
+            raise UserError(
+                f"--out: {self.final} cannot be written ({error.strerror or error}); {self._kept}"
+            ) from error
+
+    @property
+    def _kept(self) -> str:
+        if self._finished:
+            return f"the finished result is kept in {self.partial}"
+        if self.chunks:
+            return f"{self._size} {self._along}{'s are' if self._size > 1 else ' is'} kept in {self.partial}"
+        return "nothing is kept"
+
+    def _end_early(self) -> None:
+        with suppress(OSError):  # what made the run end may be that nothing can be written
+            if self.chunks or find_strangers(self.partial, Mark(self._kind)):
+                self._settle(finished=False)
+            else:
+                discard(self.partial)
+                for path in self._above:
+                    path.rmdir()
+
+
+def _plain(path: Path) -> Path:
+    """Return the path without ``..``, which would lead elsewhere when a folder on the way is made or renamed."""
+    return Path(os.path.realpath(path.parent)) / path.name if ".." in path.parent.parts else path
+
+
+def _within(path: Path, folder: Path) -> bool:
+    whole, inside = Path(os.path.realpath(folder)), Path(os.path.realpath(path))
+    return whole == inside or whole in inside.parents
+
+
+def _refuse_strangers(folder: Path, mark: Mark) -> None:
+    if others := find_strangers(folder, mark):
+        raise UserError(f"--out: {folder} holds other files ({', '.join(others[:3])}); choose a new folder")
+
+
+def _gather(folder: Path) -> None:
+    """Move what was made to its place."""
+    making = folder / MAKING
+    if making.is_dir():
+        for path in sorted(making.iterdir()):
+            path.replace(folder / path.name)
+        making.rmdir()
+
+
+@contextmanager
+def written_beside(path: Path) -> Iterator[Path]:
+    """Yield a name beside a file's, which takes the file's when it is written, or goes when that fails.
+
+    Raises
+    ------
+    UserError
+        If the name is taken by anything but a plain file that can be written, or cannot be written.
+    """
+    try:
+        if path.is_symlink():
+            raise UserError(f"--out: {path} is a link to {path.readlink()}; name a file itself")
+        if path.exists() and not path.is_file():
+            raise UserError(f"--out: {path} exists and is not a file")
+        if path.exists() and not path.stat().st_mode & 0o222:
+            raise UserError(f"--out: {path} is read-only; choose another file")
+        beside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+        descriptor = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        os.close(descriptor)
+        try:
+            yield beside
+            with undisturbed():
+                if path.exists():
+                    beside.chmod(stat.S_IMODE(path.stat().st_mode))
+                beside.replace(path)
+        except BaseException:
+            beside.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise UserError(f"--out: {path} cannot be written ({error.strerror or error})") from error

@@ -1,0 +1,95 @@
+"""What commands do with recordings: their data, their settings, and what makes no sense on one."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import typing
+from collections.abc import Sequence
+from pathlib import Path
+
+from diagrams.assembly.find import RECORDINGS, Found, find
+from diagrams.schema.errors import UserError, choose
+from diagrams.schema.scenario import dump
+
+__all__ = ["find_recording", "only_simulated", "recording_settings", "with_data", "with_measurements"]
+
+_WHY = {
+    "gdop": "its target is where it was, and a map needs one that can be put anywhere",
+    "observe": "nobody knows all of the true state, along which observability is judged",
+    "sweep": "its noise is what it was, and it is no ensemble; `quietfix run --set KEY=VALUE` changes what is believed",
+    "compare": "nobody knows where its target was",
+    "verify": "requirements are judged over as many trials as they need, and a recording has what was recorded",
+}
+
+
+def find_recording(name: str) -> Found:
+    """Return a recording by its name.
+
+    Raises
+    ------
+    UserError
+        If there is none.
+    """
+    return find(choose("dataset", name, RECORDINGS))
+
+
+def only_simulated(found: Found, command: str) -> None:
+    """Refuse a recording where a command needs a simulation.
+
+    Raises
+    ------
+    UserError
+        Saying why.
+    """
+    if found.system.recording is not None:
+        raise UserError(f"{command}: {found.title} is not allowed; it is a recording: {_WHY[command]}")
+
+
+def with_data(found: Found, settings: Sequence[str] | None, data: Sequence[Path] | None) -> list[str]:
+    """Return ``KEY=VALUE`` settings with the folder or the files of a recording among them.
+
+    Raises
+    ------
+    UserError
+        If the system is no recording, or there are too many files.
+    """
+    chosen = list(settings or ())
+    if not data:
+        return chosen
+    if found.system.recording is None:
+        raise UserError(f"--data: {data[0]} is not allowed for {found.title}; it is no recording")
+    field = next(one for one in dataclasses.fields(found.system.scenario) if one.name == "data")
+    if typing.get_origin(field.type) is list:
+        return [f"data={json.dumps([str(one) for one in data])}", *chosen]
+    if len(data) > 1:
+        raise UserError(f"--data: {len(data)} are not allowed for {found.title}; one")
+    return [f"data={json.dumps(str(data[0]))}", *chosen]
+
+
+def with_measurements(
+    found: Found, settings: Sequence[str] | None, measurements: Path | None, truth: Path | None
+) -> list[str]:
+    """Return ``KEY=VALUE`` settings with a table of measurements, and the truth, of a system of a user's own.
+
+    Raises
+    ------
+    UserError
+        If it is another system.
+    """
+    chosen = list(settings or ())
+    for option, key, file in (
+        ("--measurements", "measurements.file", measurements),
+        ("--truth", "measurements.truth.file", truth),
+    ):
+        if file is None:
+            continue
+        if found.source != "yaml":
+            raise UserError(f"{option}: {file} is not allowed for {found.title}; for a system of one's own in YAML")
+        chosen.insert(0, f"{key}={json.dumps(str(file.absolute()))}")
+    return chosen
+
+
+def recording_settings(name: str) -> str:
+    """Return the settings of a recording as commented YAML."""
+    return dump(find_recording(name).system.load())

@@ -1,0 +1,85 @@
+"""Results on disk: opening them, and their summary."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from diagrams.schema.errors import UserError
+from diagrams.studies.result_schema import SCHEMA_VERSION, check_version, upgraded
+from diagrams.studies.store import check_store
+
+__all__ = ["find_store", "open_result", "write_summary"]
+
+
+def find_store(path: Path | str) -> Path:
+    """Return the ``results.zarr`` of a result, named by its folder or itself.
+
+    Raises
+    ------
+    UserError
+        If there is no result.
+    """
+    folder = Path(path)
+    store = folder if folder.suffix == ".zarr" else folder / "results.zarr"
+    if not store.is_dir():
+        raise UserError(f"result: {path} is not a result; a folder with results.zarr, or results.zarr itself")
+    return store
+
+
+def open_result(path: Path | str) -> xr.Dataset:
+    """Open a result by its folder or its ``results.zarr``; arrays are read when they are used.
+
+    Raises
+    ------
+    UserError
+        If there is no result, it is not plain arrays, or a later version of Quietfix wrote it.
+    """
+    store = find_store(path)
+    try:
+        check_store(store)
+        dataset = xr.open_zarr(store, consolidated=False, chunks=None)
+    except UserError:
+        raise
+    except Exception as error:  # zarr and xarray raise a dozen kinds for a damaged store
+        raise UserError(f"result: {store} cannot be read ({' '.join(str(error).split())})") from error
+    return upgraded(dataset, check_version(dataset.attrs, f"result: {store}"))
+
+
+def write_summary(
+    path: Path,
+    dataset: xr.Dataset,
+    estimators: dict[str, Any],
+    began: float,
+    report: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Write ``summary.json`` and return what is in it; `report`: what a recording tells beside it."""
+    told = dict(report or {})
+    for name, numbers in told.pop("estimators", {}).items():
+        estimators[name] |= numbers
+    summary = {
+        "schema_version": SCHEMA_VERSION,
+        "system": dataset.attrs["system"],
+        "variant": dataset.attrs["variant"] or None,
+        "seed": int(dataset.attrs["seed"]),
+        "first_trial": int(dataset.attrs["first_trial"]),
+        "trials": int(dataset.sizes["trial"]),
+        "version": dataset.attrs["version"],
+        "run_seconds": round(time.monotonic() - began, 3),
+        "time_s": _times(dataset["time"].values),
+        "estimators": estimators,
+        **told,
+    }
+    path.write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return summary
+
+
+def _times(values: Any) -> Any:
+    """Return the epochs, of tracks of unequal length a list each."""
+    return [_times(one) if one.ndim else float(one) for one in values if one.ndim or not np.isnan(one)]

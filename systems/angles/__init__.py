@@ -1,0 +1,1 @@
+"""Measurement models of directions: bearings, azimuth and elevation, direction of arrival, phases."""

@@ -1,0 +1,51 @@
+"""The iterated extended Kalman filter, once per hypothesis about the phase integers, as an estimator."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from systems.documented import count, number
+from systems.estimators.base import Estimator
+from systems.estimators.hypothesis_bank import HypothesisBank, phases_of
+from systems.estimators.options import EstimatorOptions
+from systems.estimators.wiring import Wiring
+from systems.filters.iterated_extended import IteratedExtendedKalman
+from systems.measurement.base import MeasurementModel
+from systems.measurement.stack import Stack
+from systems.motion.base import MotionModel
+from systems.starts.hypotheses_start import HypothesesStart
+from systems.starts.known_height_start import KnownHeightStart
+from systems.starts.start import Start
+
+__all__ = ["IekfHypotheses"]
+
+
+@dataclass
+class IekfHypotheses(EstimatorOptions):
+    """Iterated extended Kalman filters for all phase integers that the start allows, until one explains the data.
+
+    It resolves wrapped phases itself. Without phases, or with another start than two TDOAs and an assumed height,
+    there is one hypothesis: the plain filter.
+    """
+
+    resolves_phases: ClassVar[bool] = True
+
+    max_iterations: int = count("at most so many linearisations per update; 1 is the EKF", 10)
+    tolerance: float = number("stop rule ||x_{j+1} - x_j|| <= tolerance, SI units mixed", 1e-2, above=0)
+    hypotheses: int = count("most hypotheses kept in a trial", 24)
+    least_weight: float = number("a hypothesis with less probability than this is dropped", 1e-5, above=0, at_most=0.5)
+
+    def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
+        """Return the estimator block."""
+        algorithm = IteratedExtendedKalman(self.max_iterations, self.tolerance)
+        phases = phases_of(model)
+        if phases and isinstance(start, KnownHeightStart):
+            start = HypothesesStart(
+                start.tdoa,
+                Stack(phases),
+                wiring.stream,
+                start.sigma_height,
+                start.sigma_velocity,
+                start.sigma_satellite,
+                self.hypotheses,
+            )
+        return HypothesisBank(name, algorithm, model, motion, start, wiring, self.least_weight)

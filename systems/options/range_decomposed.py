@@ -1,0 +1,371 @@
+"""The range-decomposed filter: ranging, choice of the root by the orbit plane, and a filter on the position."""
+
+# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context, DiscreteValues
+
+from systems.angles.relative_kinematics import RelativeKinematics
+from systems.documented import choice, count, documented, number
+from systems.estimators.base import Estimator
+from systems.estimators.memory import Epoch, Innovation, Memory
+from systems.estimators.options import EstimatorOptions
+from systems.estimators.wiring import Wiring
+from systems.filters.gaussian import predict_extended
+from systems.filters.iterated_extended import IteratedExtendedKalman
+from systems.filters.whitening import Whitener
+from systems.fixes.orbit_plane import (
+    Pattern,
+    common_plane,
+    normal_of_pattern,
+    plane_distance,
+    plane_normal,
+    plane_pattern,
+)
+from systems.fixes.ranged_position import RangedPosition
+from systems.measurement.base import MeasurementModel
+from systems.motion.base import MotionModel
+from systems.starts.start import Start
+
+__all__ = ["PREVIEW", "Ra", "RaPaper", "RangeDecomposed"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PREVIEW = 12  # numbers per epoch on the preview port: six rows and the observer's state
+_SLOT = PREVIEW + 1  # in the window, with the time
+
+
+class _Belief(NamedTuple):
+    """What one step of the filter moves: mean (trials, 6), covariance, plane, and how many epochs stand for it."""
+
+    mean: Array
+    covariance: Array
+    normal: Array
+    members: Array
+
+
+class RangeDecomposed(Estimator):
+    r"""RA filter of Wu, Xin and Wan, section 4.3.
+
+    Each epoch the ranging equation gives up to three positions; the one nearest to the known orbit plane is the
+    measurement of a Kalman filter, with the covariance that follows from the errors of the six rows. The plane comes
+    from clustering the candidates of the first `plane_epochs` epochs and then follows the filter's own state.
+
+    Until those epochs are there the estimate is the prior; then all of them are used at once, from the prior of the
+    first. Where fewer than half of them agree on a plane, the next ones are waited for. With `look_ahead` the epochs
+    come on the port ``preview`` when the run begins, and the filter works from the first one on, as in the paper: not
+    causal.
+
+    The innovation is that of the raw rows; NIS and its degrees of freedom are those of the position (3, or 0 where no
+    root was used).
+
+    Parameters
+    ----------
+    name, model, motion, start, wiring
+        See `Estimator`; the model must be a `RelativeKinematics` of all six rows.
+    plane_epochs : int
+        Epochs that are clustered, >= 2.
+    pattern : {'slopes', 'normal'}
+        What is clustered, see `common_plane`.
+    track : {'slopes', 'normal'}
+        What is averaged to follow the plane.
+    look_ahead : bool
+        See above.
+    covariance_at : {'prediction', 'root'}
+        Where the position's covariance is evaluated.
+    gate : float or None
+        Positions with a larger NIS are not used; None: no gate.
+    gate_after : int
+        Epochs without gate at the beginning.
+    minimum_height : float or None
+        Roots below this height [m] or unbound are impossible; None: every root counts.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        model: MeasurementModel,
+        motion: MotionModel,
+        start: Start,
+        wiring: Wiring,
+        plane_epochs: int = 20,
+        pattern: Pattern = "slopes",
+        track: Pattern = "normal",
+        look_ahead: bool = False,
+        covariance_at: Literal["prediction", "root"] = "prediction",
+        gate: float | None = 16.0,
+        gate_after: int = 10,
+        minimum_height: float | None = 100e3,
+    ) -> None:
+        if not isinstance(model, RelativeKinematics):
+            raise ValueError(f"{name}: ranging needs the six rows of one sensor, not {type(model).__name__}")
+        self.position = RangedPosition(model)
+        self.equation = self.position.equation
+        self.plane_epochs = plane_epochs
+        self.look_ahead = look_ahead
+        self.causal = not look_ahead
+        self._observer = model.observer
+        self._pattern: Pattern = pattern
+        self._track: Pattern = track
+        self._covariance_at = covariance_at
+        self._gate, self._gate_after = gate, gate_after
+        self._minimum_height = minimum_height
+        self._algorithm = IteratedExtendedKalman(max_iterations=1)
+        super().__init__(name, model, motion, start, wiring)
+
+    @property
+    def bound_model(self) -> RangedPosition:
+        """What the filter really measures, for the bound."""
+        return self.position
+
+    # ---- memory
+
+    def memory_sizes(self) -> Mapping[str, int]:
+        """See `Estimator.memory_sizes`."""
+        sizes = {"mean": 6, "covariance": 36, "normal": 3, "count": 1, "epochs": 1}
+        return sizes | {"window": self.plane_epochs * _SLOT, "window_mean": 6, "window_covariance": 36}
+
+    def begin(self, mean: Array, covariance: Array, epoch: Epoch) -> Memory:
+        """See `Estimator.begin`."""
+        trials = mean.shape[0]
+        memory = {group: np.full((trials, size), np.nan) for group, size in self.memory_sizes().items()}
+        memory |= {"mean": np.array(mean), "covariance": np.reshape(covariance, (trials, 36)).copy()}
+        return memory | {"count": np.zeros((trials, 1)), "epochs": np.zeros((trials, 1))}
+
+    def moments(self, memory: Memory) -> tuple[Array, Array]:
+        """See `Estimator.moments`."""
+        return memory["mean"], memory["covariance"].reshape(-1, 6, 6)
+
+    def predict(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
+        """See `Estimator.predict`."""
+        mean, covariance = predict_extended(*self.moments(memory), self.motion, dt)
+        return memory | {"mean": mean, "covariance": covariance.reshape(-1, 36)}
+
+    def _declare_ports(self) -> None:
+        if self.look_ahead:
+            self.declare_input("preview", self.wiring.trials, self.plane_epochs * PREVIEW)
+        super()._declare_ports()
+
+    def _begin(self, context: Context, discrete: DiscreteValues) -> None:
+        super()._begin(context, discrete)
+        if self.look_ahead:
+            ahead = self.read(context, "preview").reshape(-1, self.plane_epochs, PREVIEW)
+            normal, count_ = self._find_plane(ahead)
+            self._replace(discrete, "normal", normal)
+            self._replace(discrete, "count", count_)
+
+    # ---- the plane
+
+    def _find_plane(self, epochs: Array) -> tuple[Array, Array]:
+        """Return the normal and how many epochs stand for it (0: no plane) from (trials, epochs, 12)."""
+        _, states = self.equation.candidates(epochs[..., :6], epochs[..., 6:12], self._minimum_height)
+        normal, members = common_plane(states, self._pattern)
+        found = 2 * members >= self.plane_epochs
+        return np.where(found[:, None], normal, np.nan), np.where(found, float(self.plane_epochs), 0.0)
+
+    def _follow(self, normal: Array, count_: Array, state: Array) -> Array:
+        """Return the plane with the filter's own one averaged in, step (5) of section 4.3."""
+        share = 1 / count_[:, None]
+        if self._track == "slopes":
+            slopes = -normal[:, :2] / normal[:, 2:]
+            moved = normal_of_pattern((1 - share) * slopes + share * plane_pattern(state))
+            return moved * np.where(np.einsum("ti,ti->t", moved, normal) < 0, -1.0, 1.0)[:, None]
+        new = plane_normal(state)
+        new = new * np.where(np.einsum("ti,ti->t", new, normal) < 0, -1.0, 1.0)[:, None]
+        moved = (1 - share) * normal + share * new
+        return moved / np.linalg.norm(moved, axis=-1, keepdims=True)
+
+    # ---- the update
+
+    def update(
+        self,
+        memory: Memory,
+        measurement: Array,
+        platforms: Array,
+        noise_covariance: Array | None,
+        epoch: Epoch,
+    ) -> tuple[Memory, Innovation]:
+        """See `Estimator.update`."""
+        trials = measurement.shape[0]
+        memory = {group: value.copy() for group, value in memory.items()}
+        observer = np.broadcast_to(platforms[:, self._observer], (trials, 6))
+        innovation = self.model.residual(measurement, self.model.predict(memory["mean"], platforms))
+        nis, dof = np.full(trials, np.nan), np.zeros(trials)
+        decided: Mask = np.asarray(memory["count"][:, 0] > 0)
+        if decided.any():
+            rows = np.flatnonzero(decided)
+            nis[rows], dof[rows] = self._step(memory, rows, measurement[rows], observer[rows])
+        if not decided.all():
+            rows = self._collect(memory, ~decided, measurement, observer, epoch.time)
+            if rows.size:
+                nis[rows], dof[rows] = self._catch_up(memory, rows)
+        memory["epochs"] += 1
+        return memory, Innovation(innovation, nis, dof)
+
+    def _step(self, memory: Memory, rows: NDArray[np.intp], measurement: Array, observer: Array) -> tuple[Array, Array]:
+        """Use one epoch in some trials; write into `memory`, return NIS and degrees of freedom."""
+        belief = _Belief(
+            memory["mean"][rows],
+            memory["covariance"][rows].reshape(-1, 6, 6),
+            memory["normal"][rows],
+            memory["count"][rows, 0],
+        )
+        gated = memory["epochs"][rows, 0] >= self._gate_after
+        after, nis, dof = self._use(belief, measurement, observer, gated)
+        memory["mean"][rows] = after.mean
+        memory["covariance"][rows] = after.covariance.reshape(-1, 36)
+        memory["normal"][rows] = after.normal
+        memory["count"][rows, 0] = after.members
+        return nis, dof
+
+    def _use(self, belief: _Belief, measurement: Array, observer: Array, gated: Mask) -> tuple[_Belief, Array, Array]:
+        mean, covariance, normal, count_ = belief
+        trials = np.arange(mean.shape[0])
+        ranges, states = self.equation.candidates(measurement, observer, self._minimum_height)
+        off = plane_distance(states[..., :3], normal)
+        chosen = np.argmin(np.where(np.isnan(off), np.inf, off), axis=-1)
+        position = states[trials, chosen, :3]
+        platforms = np.zeros((mean.shape[0], self.wiring.platforms, 6))
+        platforms[:, self._observer] = observer
+        if self._covariance_at == "prediction":
+            noise = self.position.noise_covariance_at(mean, platforms)
+        else:
+            noise = self.equation.position_covariance(ranges[trials, chosen], measurement, observer, self.model.sigmas)
+        usable: Mask = np.all(np.isfinite(position), axis=-1) & np.all(np.isfinite(noise), axis=(-1, -2))
+        usable &= np.isfinite(mean).all(axis=-1) & np.isfinite(covariance).all(axis=(-1, -2))
+        stands = np.where(usable[:, None, None], noise, np.eye(3))
+        here = np.where(usable[:, None], mean, 1.0)
+        spread = np.where(usable[:, None, None], covariance, np.eye(6))
+        measured = np.where(usable[:, None], position, np.nan)
+        result = self._algorithm.update(here, spread, measured, platforms, self.position, Whitener(stands))
+        used = usable
+        if self._gate is not None:
+            with np.errstate(invalid="ignore"):
+                used = usable & ~(gated & (result.nis > self._gate))
+        mean = np.where(used[:, None], result.mean, mean)
+        covariance = np.where(used[:, None, None], result.covariance, covariance)
+        count_ = count_ + used
+        normal = np.where(used[:, None], self._follow(normal, count_, mean), normal)
+        return (
+            _Belief(mean, covariance, normal, count_),
+            np.where(used, result.nis, np.nan),
+            np.where(used, 3.0, 0.0),
+        )
+
+    # ---- the first epochs
+
+    def _collect(
+        self, memory: Memory, waiting: Mask, measurement: Array, observer: Array, time: float
+    ) -> NDArray[np.intp]:
+        """Put an epoch into the window; return the trials that found their plane with it."""
+        rows = np.flatnonzero(waiting)
+        slots = memory["epochs"][rows, 0].astype(int) % self.plane_epochs
+        fresh = rows[slots == 0]
+        memory["window"][fresh] = np.nan
+        memory["window_mean"][fresh] = memory["mean"][fresh]
+        memory["window_covariance"][fresh] = memory["covariance"][fresh]
+        window = memory["window"].reshape(-1, self.plane_epochs, _SLOT)
+        entry = np.concatenate([measurement, observer, np.full((measurement.shape[0], 1), time)], axis=-1)
+        window[rows, slots] = entry[rows]
+        full = rows[slots == self.plane_epochs - 1]
+        if full.size == 0:
+            return full
+        normal, count_ = self._find_plane(window[full, :, :PREVIEW])
+        memory["normal"][full], memory["count"][full, 0] = normal, count_
+        return full[count_ > 0]
+
+    def _catch_up(self, memory: Memory, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Filter the epochs of the window, from the belief at the first of them."""
+        window = memory["window"].reshape(-1, self.plane_epochs, _SLOT)[rows]
+        memory["mean"][rows] = memory["window_mean"][rows]
+        memory["covariance"][rows] = memory["window_covariance"][rows]
+        last = memory["epochs"][rows].copy()
+        nis, dof = np.full(rows.size, np.nan), np.zeros(rows.size)
+        times = window[:, :, PREVIEW]
+        for j in range(self.plane_epochs):
+            if j > 0:
+                self._advance(memory, rows, times[:, j] - times[:, j - 1])
+            memory["epochs"][rows] = last - (self.plane_epochs - 1 - j)
+            nis, dof = self._step(memory, rows, window[:, j, :6], window[:, j, 6:12])
+        memory["epochs"][rows] = last
+        return nis, dof
+
+    def _advance(self, memory: Memory, rows: NDArray[np.intp], dt: Array) -> None:
+        for length in np.unique(dt):  # one, unless trials began at different times
+            some = rows[dt == length]
+            mean, covariance = predict_extended(
+                memory["mean"][some], memory["covariance"][some].reshape(-1, 6, 6), self.motion, float(length)
+            )
+            memory["mean"][some], memory["covariance"][some] = mean, covariance.reshape(-1, 36)
+
+
+@dataclass
+class Ra(EstimatorOptions):
+    """Range-decomposed filter (RA) with what it needs to work; see `RangeDecomposed`."""
+
+    plane_epochs: int = count("epochs whose orbit planes are clustered", 20, at_least=2)
+    pattern: str = choice(
+        "what is clustered: slopes (a, b) of the plane as in the paper, or its unit normal",
+        "slopes",
+        ("slopes", "normal"),
+    )
+    look_ahead: bool = documented(
+        "true: the plane from the first epochs, the filter from epoch 0, as in the paper (not causal); "
+        "false: the prior until the plane is known, then the stored epochs at once",
+        False,
+    )
+    gate: float = number("positions with a larger NIS (3 degrees of freedom) are not used", 16.0, above=0)
+    gate_after: int = count("epochs without this gate at the beginning", 10, at_least=0)
+    minimum_height_km: float = number("roots lower than this above the equatorial radius are impossible [km]", 100.0)
+
+    def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
+        """Return the estimator block."""
+        return RangeDecomposed(
+            name,
+            model,
+            motion,
+            start,
+            wiring,
+            plane_epochs=self.plane_epochs,
+            pattern="normal" if self.pattern == "normal" else "slopes",
+            look_ahead=self.look_ahead,
+            gate=self.gate,
+            gate_after=self.gate_after,
+            minimum_height=1e3 * self.minimum_height_km,
+        )
+
+
+@dataclass
+class RaPaper(EstimatorOptions):
+    """Range-decomposed filter as printed by Wu, Xin and Wan.
+
+    It differs from `Ra` in the printed choices only: the plane from 6 epochs that are known in advance and averaged as
+    slopes, every positive root a candidate, the covariance at the measured root (37), no gate. After the singularity
+    noise-shifted roots look precise there, and a third of the runs end far off.
+    """
+
+    plane_epochs: int = count("epochs whose orbit planes are clustered", 6, at_least=2)
+    look_ahead: bool = documented("the plane from the first epochs, the filter from epoch 0 (not causal)", True)
+
+    def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
+        """Return the estimator block."""
+        return RangeDecomposed(
+            name,
+            model,
+            motion,
+            start,
+            wiring,
+            plane_epochs=self.plane_epochs,
+            pattern="slopes",
+            track="slopes",
+            look_ahead=self.look_ahead,
+            covariance_at="root",
+            gate=None,
+            minimum_height=None,
+        )

@@ -1,0 +1,1 @@
+"""Blocks that play one of several recorded tracks, so that one diagram serves all of them."""

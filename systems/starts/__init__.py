@@ -1,0 +1,1 @@
+"""How an estimator starts: from a belief, from a port, from its first measurement."""

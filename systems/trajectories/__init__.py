@@ -1,0 +1,1 @@
+"""Motion by laws of nature or by a plan, as pure functions: gravity, Kepler, great circles, waypoints, rockets."""
