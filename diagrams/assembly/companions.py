@@ -10,6 +10,8 @@ from typing import Any
 from diagrams.assembly.find import Found, fingerprint_of
 from diagrams.assembly.lineup import parts_of
 from diagrams.assembly.source import is_users
+from diagrams.readers.data import data_folder
+from diagrams.schema.errors import UserError
 
 __all__ = ["changed", "companions"]
 
@@ -22,10 +24,10 @@ def companions(found: Found, scenario: Any) -> dict[str, str]:
     found : Found
         The system; paths within its folder are relative to that, so that both can move together.
     scenario : dataclass
-        Whatever in it has a field ``file`` or ``class``, whose module is loaded.
+        Whatever in it has a field ``file`` or ``class``, whose module is loaded; of a recording its field ``data``.
     """
     folder = None if found.place is None else found.place.parent
-    files = dict.fromkeys([*found.beside, *_named(scenario, folder)])
+    files = dict.fromkeys([*found.beside, *_named(scenario, folder), *_recorded(found, scenario)])
     return {_shown(path, folder): fingerprint_of(path) for path in files if path != found.place}
 
 
@@ -39,6 +41,22 @@ def _named(scenario: Any, folder: Path | None) -> Iterator[Path]:
             place = getattr(module, "__file__", None)
             if place and is_users(place):
                 yield Path(place)
+
+
+def _recorded(found: Found, scenario: Any) -> Iterator[Path]:
+    """Yield the files of a recording."""
+    source = found.system.recording
+    if source is None:
+        return
+    if source.folder:
+        try:
+            folder = data_folder(source, scenario.data)
+        except UserError:  # what is run was not read there
+            return
+        yield from sorted(path.resolve() for path in folder.iterdir() if path.is_file())
+        return
+    files = [scenario.data] if isinstance(scenario.data, str) else scenario.data
+    yield from (Path(file).resolve() for file in files)
 
 
 def _shown(path: Path, folder: Path | None) -> str:

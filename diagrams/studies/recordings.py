@@ -61,10 +61,10 @@ def with_data(found: Found, settings: Sequence[str] | None, data: Sequence[Path]
         raise UserError(f"--data: {data[0]} is not allowed for {found.title}; it is no recording")
     field = next(one for one in dataclasses.fields(found.system.scenario) if one.name == "data")
     if typing.get_origin(field.type) is list:
-        return [f"data={json.dumps([str(one) for one in data])}", *chosen]
+        return [f"data={json.dumps([str(one.absolute()) for one in data])}", *chosen]
     if len(data) > 1:
         raise UserError(f"--data: {len(data)} are not allowed for {found.title}; one")
-    return [f"data={json.dumps(str(data[0]))}", *chosen]
+    return [f"data={json.dumps(str(data[0].absolute()))}", *chosen]
 
 
 def with_measurements(

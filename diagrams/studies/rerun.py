@@ -72,6 +72,8 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
     options = dict(asked)
     settings = with_data(found, options.pop("set", []), options.pop("data", None))
     again["scenario"] = found.system.load(text=attributes["scenario"], settings=settings, trust=trust)
+    if found.system.recording is not None and again["trials"] == attributes.get("tracks"):
+        del again["trials"]  # all tracks, also where settings make more or fewer of them
     return found, again | options
 
 

@@ -406,6 +406,7 @@ class Study:
             "seed": request.seed,
             "first_trial": request.first_trial,
             "trials": request.trials,
+            **({} if self.recorded is None else {"tracks": len(self.recorded.tracks)}),
             "keep": request.keep,
             "every": request.every,
             "version": _version(),

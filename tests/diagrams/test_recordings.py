@@ -1,6 +1,8 @@
 """Recordings as systems: every command, a user's estimator, and what is refused, with the reason."""
 
 import json
+import shutil
+import warnings
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from diagrams.statistics.epochs import from_the_end
 from diagrams.statistics.state_errors import errors
 from diagrams.studies.rerun import ask_again
 from diagrams.studies.results import open_result
+from diagrams.studies.store import append
 from diagrams.studies.study import Study, join
 
 ROBUST = """
@@ -63,6 +66,26 @@ def test_it_runs_again_from_its_result(out, monkeypatch):
     found, options = ask_again(folder, None, {}, False)
     again = join(list(Study(found, **options).chunks()))
     np.testing.assert_array_equal(again["estimate"], open_result(folder)["estimate"])
+
+
+def test_a_recording_that_has_changed_is_told(recorded, tmp_path):
+    """And settings that make more tracks of it run them all."""
+    folder = tmp_path / "locards_mlat"
+    shutil.copytree(recorded("locards_mlat_unseen"), folder)
+    for name in ("set_6.csv", "README.md"):
+        (folder / name).unlink()
+    text = (folder / "set_5.csv").read_text().splitlines()[:20]
+    (folder / "set_5.csv").write_text("\n".join(text) + "\n")
+    settings = [f"data={folder}"]
+    result = join(list(Study("locards", set=settings, estimators=["iekf"]).chunks()))
+    append(tmp_path / "results.zarr", result, "trial", True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found, options = ask_again(tmp_path / "results.zarr", None, {"set": ["gap_s=1"]}, False)
+    assert Study(found, **options).request.trials > result.sizes["trial"]
+    (folder / "set_5.csv").write_text("\n".join(text[:-1]) + "\n")
+    with pytest.warns(UserWarning, match=r"set_5\.csv has changed since"):
+        ask_again(tmp_path / "results.zarr", None, {}, False)
 
 
 def test_a_users_estimator(recorded, tmp_path, monkeypatch):
