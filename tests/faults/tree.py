@@ -47,10 +47,14 @@ class ShortStudy:
     """Stands for `diagrams.studies.study.Study` where what is written matters, and not what is in it."""
 
     request = SimpleNamespace(trials=4, system="three_satellite")
-    picture, probe = None, SimpleNamespace(dashed=())  # `draw` below does not look at them
+    picture, probe = None, SimpleNamespace(dashed=(), contents=())  # `draw` below does not look at them
+    recorded = None
 
     def __init__(self, system, **options):
         """Take anything."""
+
+    def report(self, dataset):
+        """Tell nothing: it is no recording."""
 
     def chunks(self, progress=False):
         """Yield two chunks."""
