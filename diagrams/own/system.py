@@ -29,9 +29,10 @@ from diagrams.parts.impairment import KnownPlatforms
 from diagrams.parts.movers import Platforms
 from diagrams.parts.sensing import TargetSensor
 from diagrams.paths.functions import Path, path_of, paths_of
-from diagrams.paths.movers import Mover, RandomMotion, Tle
+from diagrams.paths.movers import Mover, Platform, RandomMotion, Tle
 from diagrams.paths.places import Places
 from diagrams.paths.records import Setting, old_elements
+from diagrams.paths.tables import doubtful_table
 from diagrams.schema.errors import UserError, shown
 from diagrams.schema.scenario import read_yaml
 from systems.clocks import Clock, Merged
@@ -129,7 +130,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         return Assumed(used_rows(sensors, options, name), motion, start(name, options, seen), seen, takes)
 
     own = _own_parts(scenario)
-    notes = [differentiated(sensors, flight), _open(around, start), _old(scenario, setting)]
+    notes = [differentiated(sensors, flight), _open(around, start), _doubtful(scenario, setting)]
     return Model(
         clock=clock,
         duration=scenario.duration_s if fed is None else fed.end,
@@ -216,13 +217,14 @@ def _mover(target: Mover | RandomMotion) -> Mover:
     return target.start if isinstance(target, RandomMotion) else target
 
 
-def _old(scenario: OwnScenario, setting: Setting) -> str:
-    """Return which two-line elements are old."""
+def _doubtful(scenario: OwnScenario, setting: Setting) -> str:
+    """Return which two-line elements are old, and which tables of platforms may be cut."""
     movers = {f"platforms.{name}": one for name, one in scenario.platforms.items()}
     if scenario.target is not None and not isinstance(scenario.target, plants.Custom):
         movers["target"] = _mover(scenario.target)
     notes = [old_elements(one, setting, where) for where, one in movers.items() if isinstance(one, Tle)]
-    return " ".join(note for note in notes if note)
+    notes += [doubtful_table(one, setting, where) for where, one in movers.items() if isinstance(one, Platform)]
+    return " ".join(dict.fromkeys(note for note in notes if note))
 
 
 def own_system(path: FilePath, text: str | None = None) -> System:

@@ -23,6 +23,7 @@ from diagrams.paths.movers import (
     Mover,
     Oem,
     Offset,
+    Platform,
     PositionVelocity,
     Rocket,
     Sp3,
@@ -34,6 +35,7 @@ from diagrams.paths.movers import (
 )
 from diagrams.paths.receivers import gpx_path
 from diagrams.paths.records import Setting, sp3_path, tle_path, track_path
+from diagrams.paths.tables import platform_path
 from diagrams.quantities.frame import EARTH_FIXED, INERTIAL, LOCAL, Frame, as_frame
 from diagrams.schema.errors import UserError
 from systems.earth.frames import earth_fixed_to_inertial, inertial_to_earth_fixed
@@ -53,10 +55,10 @@ _KM = 1e3
 _INSIDE = 6.3e6  # m from the Earth's centre, 57 km below the poles
 
 _ON_EARTH = (Geodetic, StraightLine, GreatCircle, Waypoints, Rocket, Kepler, PositionVelocity, Offset, Tle, Sp3)
-_EARTH = (*_ON_EARTH, Oem, Gpx, Track)
+_EARTH = (*_ON_EARTH, Oem, Gpx, Platform, Track)
 
 ALLOWED: dict[str, tuple[type, ...]] = {
-    "local": (Fixed, Straight, Waypoints, Track),
+    "local": (Fixed, Straight, Waypoints, Platform, Track),
     "earth_fixed": (*_EARTH, Straight),
     "inertial": _EARTH,
 }
@@ -175,6 +177,8 @@ def _native(
         return oem_path(mover, setting, constants.earth_rate, where), INERTIAL
     if isinstance(mover, Gpx):
         return gpx_path(mover, setting, where), EARTH_FIXED
+    if isinstance(mover, Platform):
+        return platform_path(mover, setting, frame, where)
     if isinstance(mover, Track):
         return track_path(mover, setting, frame, where)
     if isinstance(mover, Rocket):

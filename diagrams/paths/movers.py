@@ -16,6 +16,7 @@ __all__ = [
     "Mover",
     "Oem",
     "Offset",
+    "Platform",
     "PositionVelocity",
     "RandomMotion",
     "Rocket",
@@ -150,6 +151,19 @@ class Gpx:
 
 
 @dataclass
+class Platform:
+    """A row, or the rows, of a table of platforms: a CSV file, with any delimiter, whose first line names the columns.
+
+    name; latitude_deg, longitude_deg, height_m on the ellipsoid, or x_m, y_m, z_m in the axes of the frame; of what
+    moves, time (ISO 8601 with its zone) or time_s [s], and if known vx_mps, vy_mps, vz_mps. Several rows of a name are
+    one track, as of !Track.
+    """
+
+    file: str = text("path, relative to the scenario's file")
+    name: str = text("which; empty: the only one in the table")
+
+
+@dataclass
 class Track:
     """A recorded track: a CSV file whose first line names the columns.
 
@@ -190,6 +204,7 @@ Mover = (
     | Sp3
     | Oem
     | Gpx
+    | Platform
     | Track
     | Rocket
 )

@@ -10,18 +10,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from systems.earth.time_scales import LEAP_SECONDS
+
 __all__ = ["Records", "elapsed", "in_utc", "read_records"]
 
 Array = NDArray[np.float64]
 
 _CLOCK = 60  # characters of a line up to and with its clock, which some files leave out; what follows is optional
 _BAD = 999999.0  # some files mark what is absent so, where the standard says zero
-_JANUARY, _JULY = (1988, 1990, 1991, 1996, 1999, 2006, 2009, 2017), (1981, 1982, 1983, 1985, 1992, 1993, 1994, 1997)
-_LEAP_SECONDS = [
-    *(datetime(year, 1, 1) for year in _JANUARY),
-    *(datetime(year, 7, 1) for year in (*_JULY, 2012, 2015)),
-]
-"""First instants after a leap second (IERS Bulletin C)."""
+_LEAP_SECONDS = [leap for leap in LEAP_SECONDS if leap.year > 1980]  # since GPS was level with UTC
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +54,7 @@ def in_utc(epoch: datetime, time_system: str) -> datetime:
     if time_system not in _AHEAD_OF_GPS:
         return epoch
     gps = epoch - timedelta(seconds=_AHEAD_OF_GPS[time_system])
-    passed = sum(leap + timedelta(seconds=i) <= gps for i, leap in enumerate(sorted(_LEAP_SECONDS), 1))
+    passed = sum(leap + timedelta(seconds=i) <= gps for i, leap in enumerate(_LEAP_SECONDS, 1))
     return gps - timedelta(seconds=passed)
 
 
