@@ -7,6 +7,7 @@ from tests.golden.record import _array, machine
 from tests.golden.recordings import FAST, SLOW, _kept, read, recorded_case
 
 RECORD = read()
+SAME = RECORD["machine"] == machine()
 EXACT = ("doptrack", "bearings")
 
 
@@ -19,12 +20,14 @@ def test_as_recorded(title, request):
     for name, values in now.items():
         array, before = _array(values), then[name]
         assert [array[k] for k in ("shape", "missing")] == [before[k] for k in ("shape", "missing")], name
-        if title.startswith(EXACT) and RECORD["machine"] == machine():
+        if title.startswith(EXACT) and SAME:
             assert array["hash"] == before["hash"], name
-        # errors of locards are differences of Earth-fixed positions, of which 1e-9 is 6 mm. With 3 km at one receiver
-        # and no gate some fixes end thousands of kilometres off: where an iteration stops there hangs on the last bit
-        rtol = 1e-6 if (title, name) == ("locards with faults", "error_no_gate") else 1e-9
+        # Another processor or NumPy rounds otherwise: an FFT's peak, and where an iteration stops, move by some 1e-7.
+        # With 3 km at one receiver and no gate some fixes end thousands of kilometres off, and hang on the last bit.
+        wild = (title, name) == ("locards with faults", "error_no_gate")
+        rtol = 1e-9 if SAME and not wild else 1e-6
         kept, old = (np.array(part, dtype=float) for part in (_kept(values), before["elements"]))
-        least = 6.4e-3 if name.startswith("error") else 1e-9 * np.nanmax(np.abs(old), initial=0.0)
+        # errors of locards are differences of Earth-fixed positions, of which 1e-9 is 6 mm
+        least = rtol * 6.4e6 if name.startswith("error") else rtol * np.nanmax(np.abs(old), initial=0.0)
         np.testing.assert_allclose(kept, old, rtol=rtol, atol=least, err_msg=name)
         np.testing.assert_allclose(array["sums"], before["sums"], rtol=rtol, atol=least, err_msg=name)
