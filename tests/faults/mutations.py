@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from tests.faults import formats
 from tests.peak_memory import peak_bytes
 
 MOST_SECONDS = 10  # of processor time, so that a busy machine makes no fault
@@ -273,7 +274,8 @@ def command_quietly(*arguments):
         command(*arguments, "--out", folder / "result")
 
 
-KINDS = {one.__name__: one for one in (scenario, requirements, bearings, locards, sigmf, sp3, attributes)}
+FORMATS = (formats.tdm, formats.oem, formats.gpx, formats.platforms)
+KINDS = {one.__name__: one for one in (scenario, requirements, bearings, locards, sigmf, sp3, *FORMATS, attributes)}
 
 
 # ------------------------------------------------------------------------------------------------------- judging
@@ -294,7 +296,8 @@ def judged(kind, number, folder):
         # verify: 1 and 3 are verdicts
         return "ran", None if end.code in (0, 1, 3) else f"status {end.code}: {said.getvalue()[:500]}"
     except ValueError as error:  # of a reader
-        good = kind in ("locards", "sigmf", "sp3") and "\n" not in str(error)
+        readers = ("locards", "sigmf", "sp3", *(one.__name__ for one in FORMATS))
+        good = kind in readers and "\n" not in str(error)
         return "refused", None if good else traceback.format_exc()[-1500:]
     except Slow:
         return "slow", f"{MOST_SECONDS} s: {traceback.format_exc()[-1500:]}"

@@ -11,12 +11,14 @@ from pathlib import Path
 import pytest
 
 from systems.plants.sp3 import read_sp3
-from tests.faults import mutations
+from tests.faults import formats, mutations
 
 ROOT = Path(__file__).parents[2]
 MOST_RESIDENT = 1_000_000_000  # bytes
 FEW = {"scenario": 16, "requirements": 5, "bearings": 5, "locards": 4, "sigmf": 6, "sp3": 4}
+FEW |= {"tdm": 40, "oem": 40, "gpx": 40, "platforms": 40}  # a millisecond each
 MANY = {"scenario": 150, "requirements": 40, "bearings": 25, "locards": 15, "sigmf": 30, "sp3": 20, "attributes": 20}
+MANY |= {"tdm": 200, "oem": 200, "gpx": 200, "platforms": 200}
 
 
 def batch(kind, count, folder):
@@ -53,7 +55,8 @@ def test_what_is_spoilt_is_good_before(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(mutations, "spoil", lambda data, rng: data)
     monkeypatch.setattr(mutations, "spoil_bytes", lambda content, rng: content)
     monkeypatch.setattr(mutations, "spoil_table", lambda text, rng: text)
-    for kind in ("requirements", "bearings", "locards", "sigmf"):
+    monkeypatch.setattr(formats, "spoilt", lambda text, rng, spoil_bytes: text.encode())
+    for kind in ("requirements", "bearings", "locards", "sigmf", "tdm", "oem", "gpx", "platforms"):
         assert mutations.judged(kind, 1, tmp_path) == ("ran", None), kind
     (tmp_path / "o.sp3").write_text(mutations.sp3_text())
     assert read_sp3(tmp_path / "o.sp3").times.size == 14

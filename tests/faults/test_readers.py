@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 from diagrams.readers.bearings_file import read_bearings
+from diagrams.readers.ccsds.oem import read_oem
+from diagrams.readers.ccsds.tdm import read_tdm
 from diagrams.readers.doptrack_data import read_passes
 from diagrams.readers.falcon9 import falcon9_flight
+from diagrams.readers.gpx import read_gpx
 from diagrams.readers.locards_data import read_sets
+from diagrams.readers.platforms import read_platforms
 from diagrams.readers.sigmf_file import read_sigmf
 from diagrams.recorded.kiwisdr import read_folder
 from diagrams.schema.errors import UserError
@@ -39,7 +43,7 @@ def test_what_is_no_regular_file_is_not_read(tmp_path, kind):
         os.mkfifo(tmp_path / "a.sigmf-meta")
     else:
         (tmp_path / "a.sigmf-meta").symlink_to("/dev/zero")
-    for read in (read_bearings, read_sp3, read_sigmf):
+    for read in (read_bearings, read_sp3, read_sigmf, read_tdm, read_oem, read_gpx, read_platforms):
         with pytest.raises(ValueError, match="it is not a regular file"):
             read(tmp_path / "a.sigmf-meta")
     for read, names in (
