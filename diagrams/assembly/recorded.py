@@ -57,6 +57,8 @@ class Recorded:
         What of a result the report needs: ``covariance``, ``measurement``, names of the model's signals.
     bounds : bool
         Whether a bound along the recorded truth means something.
+    truth : bool
+        Whether anybody knows where the targets were.
     """
 
     tracks: Sequence[str] = ("recorded",)
@@ -65,3 +67,4 @@ class Recorded:
     report: Callable[[xr.Dataset], Report] | None = None
     keeps: Sequence[str] = ()
     bounds: bool = False
+    truth: bool = True

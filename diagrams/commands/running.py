@@ -88,12 +88,14 @@ def run_command(
         if report is not None:
             report.draw(folder.work)
         if write:
-            from diagrams.own.writing import write_measurements
+            from diagrams.own.writing import write_measurements, write_truth
 
             write_measurements(dataset, study.request.scenario, folder.work / "measurements.csv")
+            write_truth(dataset, folder.work / "truth.csv")
         folder.finish()
     _print_all(open_result(folder.final), estimators, report, study.recorded is not None)
-    tables = ", ".join(path.name for name in ("estimates", "measurements") for path in sorted(out.glob(f"{name}.*")))
+    kinds = ("estimates", "measurements", "truth")
+    tables = ", ".join(path.name for kind in kinds for path in sorted(out.glob(f"{kind}[._]*")))
     others = f", {tables}" if tables else ""
     print(f"wrote {out}: results.zarr, summary.json, figures, diagram.svg{others} ({time.monotonic() - began:.1f} s)")
     return report
@@ -219,8 +221,8 @@ def gdop_command(
     from diagrams.commands.mapping import map_figures
 
     found = find(system)
-    only_simulated(found, "gdop")
     resolved = found.system.load(found.variant, scenario, settings or [])
+    only_simulated(found, "gdop", resolved)
     out = out or Path("gdop")
     with OutputFolder(out, overwrite, "gdop") as folder:
         with found.blaming(resolved.estimators):
@@ -243,7 +245,7 @@ def observe_command(
     from diagrams.experiments.observability import observe
 
     where = find(system)
-    only_simulated(where, "observe")
+    only_simulated(where, "observe", where.system.load(where.variant, scenario, settings or []))
     found = observe(where, estimators=estimators, window=window, scenario=scenario, set=settings)
     if out is not None:
         from diagrams.figures.observability import observe_figures

@@ -46,6 +46,8 @@ def prepare(
     scenario = found.system.resolve(found.variant, scenario, set)
     chosen = line_up(found, scenario, estimators)
     recording = chosen.model.recorded is not None
+    if chosen.model.recorded is not None and not chosen.model.recorded.truth:
+        only_simulated(found, "compare", scenario)
     if isinstance(trials, int) and trials == 1 and not recording:
         raise UserError("trials: 1 is not allowed; intervals over trials need at least 2")
     if not chosen.names:

@@ -155,9 +155,9 @@ class Sweep:
         if isinstance(trials, int) and trials == 1:
             raise UserError("trials: 1 is not allowed; intervals over trials need at least 2")
         found = find(system, variant)
-        only_simulated(found, "sweep")
         settings = texts("set", set)
         base = found.system.load(found.variant, scenario, settings)
+        only_simulated(found, "sweep", base)
         kind = _numeric_kind(base, self.vary.key)
         if kind is int and any(value != int(value) for value in self.vary.values):
             raise UserError(f"--vary: {self.vary.key} = {self.vary.values} is not allowed; whole numbers")

@@ -21,7 +21,7 @@ from diagrams.own.declaring.impairing import Together, impaired
 from diagrams.own.declaring.resolving import open_cycles, phase_resolvers
 from diagrams.own.declaring.sensing import NAME, PlacedSensor, differentiated, placed_sensors, used_rows
 from diagrams.own.declaring.target import Target, target_motion, true_motion, with_bias
-from diagrams.own.fed.measured import measured, recorded_of, setting_of, table_of_scenario, true_path
+from diagrams.own.fed.measured import measured, recorded_of, setting_of, table_of_scenario, true_paths
 from diagrams.own.fields.schema import OwnScenario
 from diagrams.own.fields.view import view_of
 from diagrams.parts.formation import gravity_constants
@@ -111,11 +111,13 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         return np.concatenate([one(t) for one in paths])
 
     platforms = Platforms(lambda: PathBlock(carriers, "carriers", 6 * len(paths)))
-    path = _target_path(scenario, setting, platforms)
-    _check_own(scenario, flight, sensors, path, carriers)
+    truth = _truth(scenario, setting, platforms)
+    path = next(iter(truth.values()), None)
+    if isinstance(flight, CustomMotion):
+        flight.check(np.stack([np.zeros(6) if path is None else path(0.0)] * 2), scenario.period_s)
     kinds = [kind for one in sensors for kind in one.kinds]
     resolvers = phase_resolvers(scenario, kinds, motion.size)
-    fed = None if table is None else measured(scenario, setting, table, kinds, places_of(scenario), path)
+    fed = None if table is None else measured(scenario, setting, table, kinds, places_of(scenario), truth)
     clock = _clock(sensors) if fed is None else fed.clock
     around = Surroundings(scenario, kinds, clock, motion.size, path, carriers, setting)
     parts = _simulated(around, sensors, flight, bool(resolvers.each)) if fed is None else [fed]
@@ -144,7 +146,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         signals={**resolvers.signals, **{k: v for field in scenario.parts for k, v in field.signals.items()}},
         rows=resolvers.rows,
         step=scenario.target.step_s if isinstance(scenario.target, plants.Custom) else LONGEST_STEP,
-        recorded=None if fed is None else recorded_of(fed, path is not None, setting.began()),
+        recorded=None if fed is None else recorded_of(fed, bool(truth), setting.began()),
         view=view_of(scenario.map, frame, setting, constants),
         note=" ".join(note for note in (*notes, *(fed.notes if fed else ())) if note),
     )
@@ -201,16 +203,19 @@ def _sensing(scenario: OwnScenario, sensors: Sequence[PlacedSensor], resolved: b
     return [*parts, KnownPlatforms(errors.sigma_position_m, errors.sigma_velocity_mps)]
 
 
-def _target_path(scenario: OwnScenario, setting: Setting, platforms: Part) -> Path | None:
-    """Return the state (6,) of the target, or the mean of its start, as a function of time; None: nobody knows."""
+def _truth(scenario: OwnScenario, setting: Setting, platforms: Part) -> dict[str, Path]:
+    """Return the state (6,) of the target, or the mean of its start, as a function of time.
+
+    Of measurements by the names of targets, and nothing where nobody knows.
+    """
     target, constants = scenario.target, gravity_constants(scenario.constants)
     if scenario.measurements is not None:
-        return true_path(scenario, setting)
+        return true_paths(scenario, setting)
     if target is None:
         raise UserError("target: none is given; one is needed, or measurements")
     if isinstance(target, plants.Custom):
-        return plants.played(target, platforms)
-    return path_of(_mover(target), scenario.axes, setting, constants, "target")
+        return {"": plants.played(target, platforms)}
+    return {"": path_of(_mover(target), scenario.axes, setting, constants, "target")}
 
 
 def _mover(target: Mover | RandomMotion) -> Mover:

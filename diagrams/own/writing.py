@@ -14,9 +14,10 @@ from diagrams.own.fed.measured import believed_noise
 from diagrams.own.fed.rows import Row, rows_of
 from diagrams.own.fields.schema import OwnScenario
 from diagrams.own.system import places_of
+from diagrams.quantities.states import POSITION, VELOCITY
 from diagrams.schema.errors import UserError
 
-__all__ = ["write_measurements"]
+__all__ = ["write_measurements", "write_truth"]
 
 Array = NDArray[np.float64]
 
@@ -69,6 +70,20 @@ def write_measurements(dataset: xr.Dataset, scenario: object, path: FilePath) ->
                 file.write(line)
                 count += 1
     return count
+
+
+def write_truth(dataset: xr.Dataset, path: FilePath) -> None:
+    """Write ``truth.csv`` of a study: where the target of each trial was, by the number of the trial."""
+    names = [name for name in (*POSITION, *VELOCITY) if name in dataset["state"].values]
+    truth = dataset["truth"].sel(state=names)
+    head = [f"{name}_mps" if name in VELOCITY else f"{name}_m" for name in names]
+    times = dataset["time"].values.tolist()
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(f"time_s,target,{','.join(head)}\n")
+        for k, trial in enumerate(dataset["trial"].values):
+            one = truth.isel(trial=k) if "trial" in truth.dims else truth
+            for time, state in zip(times, one.transpose("time", "state").values.tolist(), strict=True):
+                file.write(f"{time!r},{int(trial)},{','.join(map(repr, state))}\n")
 
 
 def _lines(

@@ -15,7 +15,7 @@ from diagrams.readers.rows import Chunk, broken, chunks_of
 from diagrams.readers.stamps import BadStamp, read_stamps
 from diagrams.schema.errors import UserError, shown
 
-__all__ = ["COLUMNS", "MeasurementTable", "Series", "read_measurements"]
+__all__ = ["COLUMNS", "MeasurementTable", "Series", "numbers_of", "read_measurements", "texts_of", "times_of"]
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -140,27 +140,34 @@ def _read(path: Path, chunk: Chunk, numbers: dict[tuple[str, ...], int]) -> tupl
     """Return lines, times, numbers of series, values and sigmas of some rows."""
     columns, count = chunk.columns, len(chunk.lines)
     lines = np.asarray(chunk.lines, dtype=np.int64)
-    whole, rest = _times(path, chunk)
+    whole, rest = times_of(path, chunk)
     empty = [""] * count
-    texts = [_texts(columns.get(name, empty)) for name in Series._fields]
+    texts = [texts_of(columns.get(name, empty)) for name in Series._fields]
     which = np.fromiter((numbers.setdefault(key, len(numbers)) for key in zip(*texts, strict=True)), np.int64, count)
-    value = _floats(path, chunk, "value")
-    sigma = _floats(path, chunk, "sigma") if "sigma" in columns else np.full(count, np.nan)
+    value = numbers_of(path, chunk, "value")
+    sigma = numbers_of(path, chunk, "sigma") if "sigma" in columns else np.full(count, np.nan)
     for i in np.flatnonzero(sigma <= 0)[:1]:
         raise broken(path, int(lines[i]), f"sigma: {sigma[i]:g} is not allowed; > 0, or empty: as the sensor has it")
     return lines, whole, rest, which, value, sigma
 
 
-def _texts(column: Any) -> list[str]:
+def texts_of(column: Any) -> list[str]:
     """Return texts; of a column of numbers such as numbers of aircraft these, without a decimal point."""
     if isinstance(column, list):
         return column
     return ["" if np.isnan(one) else f"{one:.0f}" if one == int(one) else repr(float(one)) for one in column]
 
 
-def _times(path: Path, chunk: Chunk) -> tuple[Numbers | None, Array]:
+def times_of(path: Path, chunk: Chunk) -> tuple[Numbers | None, Array]:
+    """Return times as seconds of TAI since 1970, whole and rest; of ``time_s`` None and these.
+
+    Raises
+    ------
+    UserError
+        With file and line.
+    """
     if "time_s" in chunk.columns:
-        seconds = _floats(path, chunk, "time_s")
+        seconds = numbers_of(path, chunk, "time_s")
         for i in np.flatnonzero(np.isnan(seconds))[:1]:
             raise broken(path, chunk.lines[i], "time_s: nothing is not allowed; seconds")
         return None, seconds
@@ -173,7 +180,7 @@ def _times(path: Path, chunk: Chunk) -> tuple[Numbers | None, Array]:
         raise broken(path, chunk.lines[error.at], f"time: {error}") from error
 
 
-def _floats(path: Path, chunk: Chunk, name: str) -> Array:
+def numbers_of(path: Path, chunk: Chunk, name: str) -> Array:
     """Return a column of numbers; NaN where it is empty or says so."""
     column = chunk.columns[name]
     if isinstance(column, list):

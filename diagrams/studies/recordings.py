@@ -7,6 +7,7 @@ import json
 import typing
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from diagrams.assembly.find import RECORDINGS, Found, find
 from diagrams.schema.errors import UserError, choose
@@ -34,15 +35,22 @@ def find_recording(name: str) -> Found:
     return find(choose("dataset", name, RECORDINGS))
 
 
-def only_simulated(found: Found, command: str) -> None:
+def only_simulated(found: Found, command: str, scenario: Any = None) -> None:
     """Refuse a recording where a command needs a simulation.
+
+    Parameters
+    ----------
+    found : Found
+    command : str
+    scenario : dataclass, optional
+        One that has measurements in a file is a recording, too.
 
     Raises
     ------
     UserError
         Saying why.
     """
-    if found.system.recording is not None:
+    if found.system.recording is not None or getattr(scenario, "measurements", None) is not None:
         raise UserError(f"{command}: {found.title} is not allowed; it is a recording: {_WHY[command]}")
 
 

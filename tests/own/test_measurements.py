@@ -1,6 +1,8 @@
 """Tables of measurements: what a simulated study wrote and is read back, and what others wrote."""
 
+import csv
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +12,15 @@ from typer.testing import CliRunner
 from diagrams import run_study
 from diagrams.assembly.find import find
 from diagrams.commands.command_line import app
-from diagrams.own.writing import write_measurements
+from diagrams.own.writing import write_measurements, write_truth
+from diagrams.schema.errors import UserError
 from diagrams.studies.results import open_result
 
 DRONE = Path(__file__).parent / "drone.yaml"
 FEW = {"duration_s": 30}
-BLIND = {  # nobody knows where the target is: nothing is drawn about it
-    "target": None,
-    "start": {"sensors": ["tdoa", "barometer"], "height_m": 500},
-}
-BLIND_TEXT = ["target=null", "start=!Snapshot {sensors: [tdoa, barometer], height_m: 500}"]
+HEAD = ("time_s", "target", "kind", "receiver", "reference", "value", "unit", "sigma")
+# nobody knows where the target is: nothing is drawn about it
+BLIND = ["target=null", "start=!Snapshot {sensors: [tdoa, barometer], height_m: 500}"]
 
 
 @pytest.fixture(scope="module")
@@ -43,12 +44,106 @@ def test_a_study_read_back_is_the_same_bit_by_bit(written):
     np.testing.assert_array_equal(again["measurement"].values, result["measurement"].values)
 
 
+def rows_of(path, trial="0"):
+    """The rows of one trial, as lists of text."""
+    return [row for row in csv.reader(path.read_text().splitlines()[1:]) if row[1] == trial]
+
+
+def run_on(path, **settings):
+    sets = {**FEW, "measurements.file": str(path), **settings}
+    return run_study(DRONE.as_posix(), set=sets, estimators=["ekf"])
+
+
+def in_other_words(time, target, kind, receiver, reference, value, unit, sigma):
+    """The same row in other units, the other way round, as a compass has it, with a date around a leap second."""
+    second = 50 + int(float(time))
+    clock = f"01:59:{second}" if second <= 60 else f"02:00:{second - 61:02d}"
+    day = "2017-01-01"  # an hour and more before midnight in UTC it is midnight at +02:00
+    stamp = f"{day}T{clock}.000+02:00"
+    number = float(value)
+    if kind == "tdoa":
+        return [stamp, kind, reference, receiver, repr(-1e9 * number), "ns", "30"]
+    if kind == "azimuth":
+        compass = 90 - math.degrees(number)
+        return [stamp, "bearing", receiver, "", repr((compass + 180) % 360 - 180), "deg", "0.5"]
+    return [stamp, kind, "", "", repr(number / 1e3), "km", ""]
+
+
+def test_the_same_in_other_words(written, tmp_path):
+    """Units, signs, a compass, any order, another delimiter, a run over a leap second: nothing but rounding differs."""
+    result, path = written
+    rows = [in_other_words(*row) for row in rows_of(path)]
+    np.random.default_rng(2).shuffle(rows)
+    lines = ["; ".join(row) for row in [["time", *HEAD[2:]], *rows]]
+    (tmp_path / "log.txt").write_text("# of a logger\n\n" + "\n".join(lines) + "\n")
+    told = run_on(tmp_path / "log.txt")
+    # values have 1e-16 of rounding, and the filter's gain makes no more than 1e5 of it in 30 s
+    np.testing.assert_allclose(told["estimate"][0, 0], result["estimate"].sel(estimator="ekf")[0], atol=1e-5)
+    np.testing.assert_array_equal(told["time"], np.arange(31.0))
+    assert "rows are put in order" in told.attrs["note"]
+
+
+def test_parquet_is_the_same(written, tmp_path):
+    arrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    result, path = written
+    columns = list(zip(*rows_of(path), strict=True))
+    table = {
+        name: [float(v) if name in ("time_s", "value", "sigma") else v for v in column]
+        for name, column in zip(HEAD, columns, strict=True)
+    }
+    parquet.write_table(arrow.table(table), tmp_path / "log.parquet")
+    told = run_on(tmp_path / "log.parquet")
+    np.testing.assert_array_equal(told["estimate"][0, 0], result["estimate"].sel(estimator="ekf")[0])
+
+
+def test_sigmas_of_rows_are_those_of_the_noise(written, tmp_path):
+    """Where the table says 60 ns, the estimators do what they do where they believe in 60 ns."""
+    _, path = written
+    rows = [[*row[:7], "60e-9" if row[2] == "tdoa" else ""] for row in rows_of(path)]
+    (tmp_path / "said.csv").write_text("\n".join(",".join(row) for row in [HEAD, *rows]) + "\n")
+    (tmp_path / "silent.csv").write_text("\n".join(",".join(row[:7]) for row in [HEAD, *rows]) + "\n")
+    said = run_on(tmp_path / "said.csv")
+    believed = run_on(tmp_path / "silent.csv", **{"sensors.tdoa.sigma_ns": 60})
+    other = run_on(tmp_path / "silent.csv")
+    # (2 s)^2 and 2 * s^2 * 2 differ by rounding
+    np.testing.assert_allclose(said["estimate"], believed["estimate"], atol=1e-6)
+    assert np.abs(said["estimate"] - other["estimate"]).max() > 1.0
+
+
+def test_a_truth_beside_it(written, tmp_path):
+    """What the study knew of its targets, in a file: the errors are the same bit by bit, of other targets unknown."""
+    result, path = written
+    write_truth(result, tmp_path / "truth.csv")
+    some = [line for line in (tmp_path / "truth.csv").read_text().splitlines() if ",1," not in line]
+    (tmp_path / "some.csv").write_text("\n".join(some) + "\n")
+    sets = {
+        **FEW,
+        "measurements.file": str(path),
+        "target": None,
+        "measurements.truth.file": str(tmp_path / "truth.csv"),
+    }
+    told = run_study(DRONE.as_posix(), set=sets)
+    np.testing.assert_array_equal(told["nees"], result["nees"])
+    with pytest.raises(UserError, match="nobody knows where 1 was then"):
+        run_study(DRONE.as_posix(), set={**sets, "measurements.truth.file": str(tmp_path / "some.csv")})
+
+
+def test_a_recording_is_not_simulated(written):
+    _, path = written
+    sets = [f"measurements.file={path}", "duration_s=30"]
+    for command in ("gdop", "observe", "sweep"):
+        more = ["--vary", "sensors.tdoa.sigma_ns=1:2:2"] if command == "sweep" else []
+        told = CliRunner().invoke(app, [command, str(DRONE), *more, *(p for one in sets for p in ("--set", one))])
+        assert isinstance(told.exception, UserError) and "it is a recording" in str(told.exception), told.output
+
+
 def test_by_the_command_line_and_without_a_truth(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = CliRunner().invoke
     out = run(app, ["run", str(DRONE), "--set", "duration_s=20", "--trials", "1", "--out", "o", "--write-measurements"])
     assert out.exit_code == 0 and "measurements.csv" in out.output, out.output
-    sets = [part for one in ["duration_s=20", *BLIND_TEXT] for part in ("--set", one)]
+    sets = [part for one in ["duration_s=20", *BLIND] for part in ("--set", one)]
     fed = run(app, ["run", str(DRONE), *sets, "--measurements", "o/measurements.csv", "--out", "fed"])
     assert fed.exit_code == 0, fed.output
     assert "nobody knows where the target was" in fed.output and "RMSE" not in fed.output

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path as FilePath
@@ -17,6 +17,7 @@ from diagrams.own.declaring.sensing import Measured
 from diagrams.own.fed.played import Played, played, table_of
 from diagrams.own.fed.report import measured_report
 from diagrams.own.fed.rows import rows_of
+from diagrams.own.fed.truth import read_truth
 from diagrams.own.fields.schema import OwnScenario, Prior
 from diagrams.own.fields.starts import KnownHeight
 from diagrams.parts.formation import gravity_constants
@@ -34,7 +35,7 @@ __all__ = [
     "recorded_of",
     "setting_of",
     "table_of_scenario",
-    "true_path",
+    "true_paths",
 ]
 
 
@@ -66,18 +67,20 @@ def setting_of(scenario: OwnScenario, folder: FilePath, table: MeasurementTable 
     return setting
 
 
-def true_path(scenario: OwnScenario, setting: Setting) -> Path | None:
-    """Return where the target is, as far as a scenario with measurements says it; None: nobody knows.
+def true_paths(scenario: OwnScenario, setting: Setting) -> dict[str, Path]:
+    """Return where the targets are by their names, all under the empty one; nothing: nobody knows.
 
     A target that is drawn, or simulated by a user's own system, says nothing of a recorded one.
     """
     field, constants = scenario.measurements, gravity_constants(scenario.constants)
     assert field is not None
     if field.truth:
-        return path_of(field.truth, scenario.axes, setting, constants, "measurements.truth")
+        if not field.truth.file:
+            raise UserError("measurements.truth.file: none is given; the path of a file")
+        return read_truth(setting.folder / field.truth.file, setting, scenario.axes)
     if scenario.target is None or isinstance(scenario.target, RandomMotion | plants.Custom):
-        return None
-    return path_of(scenario.target, scenario.axes, setting, constants, "target")
+        return {}
+    return {"": path_of(scenario.target, scenario.axes, setting, constants, "target")}
 
 
 def measured(
@@ -86,7 +89,7 @@ def measured(
     table: MeasurementTable,
     kinds: Sequence[Measured],
     places: Places,
-    path: Path | None,
+    truth: Mapping[str, Path],
 ) -> Played:
     """Return what was measured in the place of the sensors.
 
@@ -95,7 +98,7 @@ def measured(
     UserError
         With file and line, or the field of the scenario that means nothing with measurements.
     """
-    _refuse_simulated(scenario, path)
+    _refuse_simulated(scenario, bool(truth))
     began = None if scenario.start_utc is None else setting.began()
     start = None if began is None else (posix_to_tai(began[0]), began[1])
     found = played(table, table.seconds(start), rows_of(kinds, places), believed_noise(kinds), scenario.duration_s)
@@ -104,8 +107,29 @@ def measured(
         raise UserError(
             f"{table.path.name}: column sigma is not allowed with phases that are resolved ({resolved[0]}); sigma_deg"
         )
-    known = found if path is None else replace(found, paths=[path] * len(found.names))
-    return replace(known, notes=[*known.notes, *_leaping(scenario, setting, found.end)])
+    paths, notes = _paths(scenario, found, truth)
+    return replace(found, paths=paths, notes=[*found.notes, *notes, *_leaping(scenario, setting, found.end)])
+
+
+def _paths(scenario: OwnScenario, found: Played, truth: Mapping[str, Path]) -> tuple[list[Path], list[str]]:
+    """Return where each target is, and a note on those of which nobody knows it."""
+    field = scenario.measurements
+    several = len(found.names) > 1
+    if field is not None and field.truth is not None and "" in truth and several:
+        raise UserError(
+            f"measurements.truth: {field.truth.file} has no column target; it is needed, for the table has several: "
+            f"{', '.join(found.names[:5])}"
+        )
+    paths = [truth.get(name, truth.get("", path)) for name, path in zip(found.names, found.paths, strict=True)]
+    absent = [name for name in found.names if name not in truth and "" not in truth]
+    if isinstance(scenario.start, Prior):
+        for name, path in zip(found.names, paths, strict=True):
+            if not np.isfinite(path(0.0)).all():
+                raise UserError(
+                    f"start: !Prior is drawn about the truth at t = 0, and nobody knows where {name} was then; "
+                    "!Given or !Snapshot"
+                )
+    return paths, [f"nobody knows where {', '.join(absent[:5])} was."] if truth and absent else []
 
 
 def believed_noise(kinds: Sequence[Measured]) -> Array:
@@ -114,7 +138,7 @@ def believed_noise(kinds: Sequence[Measured]) -> Array:
     return np.array(block_diag(*(model.noise_covariance() for model in models)))
 
 
-def _refuse_simulated(scenario: OwnScenario, path: Path | None) -> None:
+def _refuse_simulated(scenario: OwnScenario, known: bool) -> None:
     """Refuse what is drawn about a truth that nobody knows, or is an error of a simulation.
 
     Raises
@@ -130,12 +154,12 @@ def _refuse_simulated(scenario: OwnScenario, path: Path | None) -> None:
                 "platforms are is what is known of them"
             )
     start = scenario.start
-    if isinstance(start, Prior) and (path is None or scenario.oscillator is not None):
-        why = "where the target is" if path is None else "the oscillator's error"
+    if isinstance(start, Prior) and (not known or scenario.oscillator is not None):
+        why = "where the target is" if not known else "the oscillator's error"
         raise UserError(
             f"start: !Prior is drawn about the truth, and with measurements nobody knows {why}; !Given, !Snapshot"
         )
-    if isinstance(start, KnownHeight) and path is None:
+    if isinstance(start, KnownHeight) and not known:
         raise UserError(
             "start: !KnownHeight draws a height about the truth, and with measurements nobody knows where the target "
             "is; !Given or !Snapshot"
@@ -171,4 +195,5 @@ def recorded_of(fed: Played, known: bool, began: tuple[int, float] | None) -> Re
         report=partial(measured_report, names=fed.names, began=since, known=known),
         keeps=["covariance", "innovation", "measurement"],
         bounds=known and not several,
+        truth=known,
     )

@@ -17,7 +17,8 @@ from diagrams.quantities.frame import frame_of
 from diagrams.quantities.states import POSITION
 from diagrams.statistics.consistency import chi_square_band
 from diagrams.statistics.epochs import along
-from diagrams.writers.estimates import Columns, estimate_columns, write_estimates
+from diagrams.writers.estimates import estimate_columns, write_estimates
+from diagrams.writers.tracks import write_tracks
 from systems.earth.geodetic import ecef_to_geodetic, enu_rotation
 
 __all__ = ["MeasuredReport", "Told", "measured_report"]
@@ -77,7 +78,6 @@ def measured_report(
     """
     targets = [names[int(number)] for number in result["trial"].values]
     result = result.assign_coords(track=("trial", targets))
-    columns = estimate_columns(result, began)
     axis = along(result)
     time = np.broadcast_to(result["time"].values, (result.sizes["trial"], result.sizes[axis]))
     told = [
@@ -85,7 +85,7 @@ def measured_report(
         for k, target in enumerate(targets)
         for name in result["estimator"].values
     ]
-    return MeasuredReport(told, columns, known, str(result.attrs["system"]), str(result.attrs["note"]))
+    return MeasuredReport(told, result, began, known, str(result.attrs["system"]), str(result.attrs["note"]))
 
 
 def _told(one: xr.Dataset, name: str, target: str, time: Array) -> Told:
@@ -142,8 +142,10 @@ class MeasuredReport:
     ----------
     told : list of Told
         By target and estimator.
-    columns : dict
-        All estimates; see `diagrams.writers.estimates.estimate_columns`.
+    result : xarray.Dataset
+        With the names of the targets as ``track``.
+    began : (int, float), optional
+        t = 0 in seconds of TAI since 1970.
     known : bool
         Whether the truth is: errors are told of every study that has one.
     system, note : str
@@ -151,7 +153,8 @@ class MeasuredReport:
     """
 
     told: list[Told]
-    columns: Columns
+    result: xr.Dataset
+    began: tuple[int, float] | None
     known: bool
     system: str
     note: str
@@ -198,7 +201,10 @@ class MeasuredReport:
 
     def draw(self, folder: Path) -> list[Path]:
         """Write the estimates into a folder."""
-        return write_estimates(self.columns, folder)
+        return [
+            *write_estimates(estimate_columns(self.result, self.began), folder),
+            *write_tracks(self.result, self.began, folder),
+        ]
 
 
 def _cells(one: Told, places: int, sigmas: int) -> list[str | Styled]:
