@@ -12,7 +12,7 @@ _WHERE = {
     "System": "diagrams.assembly.system",
     "find": "diagrams.assembly.find",
     "load_scenario": "diagrams.commands.catalogue",
-    "run_study": "diagrams.studies.study",
+    "run_study": "diagrams.studies.whole",
     "systems": "diagrams.assembly.find",
 }
 

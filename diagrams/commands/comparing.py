@@ -20,7 +20,7 @@ from diagrams.schema.errors import UserError, choose
 from diagrams.studies.output import OutputFolder
 from diagrams.studies.recordings import with_data
 from diagrams.studies.results import open_result, write_summary
-from diagrams.studies.study import join
+from diagrams.studies.whole import join
 
 __all__ = ["FORMATS", "compare_command", "comparison_markdown", "comparison_table"]
 

@@ -26,6 +26,7 @@ from diagrams.studies.starting import why_not_started
 
 if TYPE_CHECKING:
     from diagrams.assembly.recorded import Report
+    from diagrams.studies.study import Study
 
 __all__ = ["draw_command", "gdop_command", "observe_command", "replay_command", "run_command"]
 
@@ -41,31 +42,10 @@ def run_command(
 ) -> Report | None:
     """Run a study, print its table and write its folder; return what a recording tells; see ``quietfix run --help``."""
     from diagrams.statistics.metrics import summarise
-    from diagrams.studies.study import Study, join
+    from diagrams.studies.whole import join
 
     began = time.monotonic()
-    options = dict(asked)
-    fed = {key: options.pop(key, None) for key in ("measurements", "truth")}
-    write = options.pop("write_measurements", False)
-    found: Found | str | None = system
-    if from_ is not None:
-        found, options = ask_again(from_, system, options, trust)
-    elif trust:
-        raise UserError("--trust: it needs --from RESULT; what you name yourself is trusted")
-    if found is None:
-        raise UserError(f"system: it is missing; a name that `quietfix list` prints, --from RESULT, {FORMS}")
-    if data := options.pop("data", None):
-        found = find(found)
-        options["set"] = with_data(found, options.get("set"), data)
-    if fed["measurements"] or fed["truth"]:
-        found = find(found)
-        options["set"] = with_measurements(found, options.get("set"), **fed)
-    if write:
-        options = _to_be_written(options, out)
-    study = Study(found, **options)
-    if write and "raw" in study.probe.bus:  # what is measured, before phases are resolved
-        signals = {**study.model.signals, "raw": "raw"}
-        study = Study(found, **options, model=replace(study.model, signals=signals))
+    study, write = _asked_for(system, asked, from_, out, trust)
     if out is None:
         parts = list(study.chunks(progress))
         dataset = join(parts)
@@ -99,6 +79,37 @@ def run_command(
     others = f", {tables}" if tables else ""
     print(f"wrote {out}: results.zarr, summary.json, figures, diagram.svg{others} ({time.monotonic() - began:.1f} s)")
     return report
+
+
+def _asked_for(
+    system: str | None, asked: Mapping[str, Any], from_: Path | None, out: Path | None, trust: bool
+) -> tuple[Study, bool]:
+    """Return the study that a command line asks for, and whether its measurements are written."""
+    from diagrams.studies.study import Study
+
+    options = dict(asked)
+    fed = {key: options.pop(key, None) for key in ("measurements", "truth")}
+    write = options.pop("write_measurements", False)
+    found: Found | str | None = system
+    if from_ is not None:
+        found, options = ask_again(from_, system, options, trust)
+    elif trust:
+        raise UserError("--trust: it needs --from RESULT; what you name yourself is trusted")
+    if found is None:
+        raise UserError(f"system: it is missing; a name that `quietfix list` prints, --from RESULT, {FORMS}")
+    if data := options.pop("data", None):
+        found = find(found)
+        options["set"] = with_data(found, options.get("set"), data)
+    if fed["measurements"] or fed["truth"]:
+        found = find(found)
+        options["set"] = with_measurements(found, options.get("set"), **fed)
+    if write:
+        options = _to_be_written(options, out)
+    study = Study(found, **options)
+    if write and "raw" in study.probe.bus:  # what is measured, before phases are resolved
+        signals = {**study.model.signals, "raw": "raw"}
+        study = Study(found, **options, model=replace(study.model, signals=signals))
+    return study, bool(write)
 
 
 def _to_be_written(options: Mapping[str, Any], out: Path | None) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from diagrams.experiments.compared_study import ComparedStudy
 from diagrams.experiments.comparison import comparison_statistics
 from diagrams.schema.errors import UserError
 from diagrams.studies.recordings import only_simulated
-from diagrams.studies.study import join
+from diagrams.studies.whole import join
 
 __all__ = ["compare", "prepare"]
 

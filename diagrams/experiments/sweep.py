@@ -26,7 +26,7 @@ from diagrams.statistics.metrics import diverged, not_started
 from diagrams.statistics.state_errors import errors
 from diagrams.studies.described import described
 from diagrams.studies.recordings import only_simulated
-from diagrams.studies.study import join
+from diagrams.studies.whole import join
 
 __all__ = ["Sweep", "Vary", "parse_vary", "sweep", "sweep_statistics"]
 

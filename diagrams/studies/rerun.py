@@ -44,7 +44,7 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
     UserError
         Naming the attribute, its value and what is allowed, or the class.
     """
-    from diagrams.studies.study import KEEP
+    from diagrams.studies.request import KEEP
 
     if "scenario" in asked:
         raise UserError("--scenario: it cannot be combined with --from; use --set")

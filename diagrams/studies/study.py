@@ -21,7 +21,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from diagrams.assembly.build import Assembly, build
 from diagrams.assembly.companions import companions
 from diagrams.assembly.find import Found, find
-from diagrams.assembly.lineup import select_estimators
 from diagrams.assembly.model import Model
 from diagrams.assembly.recorded import Report
 from diagrams.assembly.system import System
@@ -33,39 +32,21 @@ from diagrams.statistics.bounds import StudyBounds
 from diagrams.statistics.score import Score
 from diagrams.studies.dataset import Shape, states_of
 from diagrams.studies.described import described
+from diagrams.studies.request import KEEP, Request, check_numbers, count_of, estimators_of
 from diagrams.studies.result_schema import SCHEMA_VERSION
 from diagrams.studies.runs import Run, padded, runs, simulate
 from systems.clocks import Clock, Stepped, Times
 from systems.integration import simulator_of
 from systems.recorder import Recorder, record
 
-__all__ = ["KEEP", "Study", "join", "run_study"]
+__all__ = ["Study"]
 
 Array = NDArray[np.float64]
-
-KEEP = ("estimates", "covariance", "measurements", "all")
-"""What of each trial is kept; errors, NEES and NIS always are."""
 
 _CHUNK_BYTES = 1e8  # of recorded signals; a log, its stacked copy and the Dataset stand beside each other
 _OVERHEAD = 30  # trials: what a batch costs whatever its width
 _WORTH = 1.1  # a diagram that was built is used again unless the run would cost more than this many times as much
 _LARGEST_CHUNK = 2000  # trials; wider arrays leave the processor's cache and gain nothing
-
-
-@dataclasses.dataclass(frozen=True)
-class _Request:
-    """What a study was asked for, after checking."""
-
-    system: str
-    variant: str | None
-    scenario: Any
-    estimators: list[str]
-    trials: int
-    first_trial: int
-    seed: int
-    keep: str
-    every: int
-    chunk: int | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,31 +102,23 @@ class Study:
     ) -> None:
         self.found = found = find(system, variant)
         self.system = found.system
-        for what, value, least in (
-            ("trials", 1 if trials is None else trials, 1),
-            ("first-trial", first_trial, 0),
-            ("seed", seed, 0),
-            ("every", every, 1),
-            ("chunk", 1 if chunk is None else chunk, 1),
-        ):
-            if not isinstance(value, int | np.integer) or isinstance(value, bool) or not least <= value < 2**53:
-                raise UserError(f"{what}: {value!r} is not allowed; a whole number from {least} to {2**53 - 1}")
+        check_numbers(trials, first_trial, seed, every, chunk)
         choose("keep", keep, KEEP)
         scenario = self.system.resolve(found.variant, scenario, set)
         self._origins = origins_of(scenario)
         scenario = dataclasses.replace(scenario, estimators=dict(scenario.estimators))
         self._origins.remember(scenario)
         with self._origins.placing():
-            chosen = self._chosen(scenario, estimators)
+            chosen = estimators_of(found, scenario, estimators)
         scenario.estimators = {key: scenario.estimators[key] for key in chosen}
         self.model = model or found.model(scenario)
         self.recorded = self.model.recorded
-        self.request = _Request(
+        self.request = Request(
             found.reference,
             found.variant,
             scenario,
             chosen,
-            self._count(trials, int(first_trial)),
+            count_of(found, self.recorded, trials, int(first_trial)),
             int(first_trial),
             int(seed),
             keep,
@@ -164,29 +137,6 @@ class Study:
             self._asked_chunk = chunk
             self.chunk = self._width(self.request.trials)
         self._running: _Running | None = None
-
-    def _chosen(self, scenario: Any, estimators: Sequence[str] | None) -> list[str]:
-        """Return the estimators to run."""
-        if self.system.estimates:
-            return select_estimators(scenario, estimators)
-        if estimators or scenario.estimators:
-            name = [*(estimators or ()), *scenario.estimators][0]
-            raise UserError(f"estimators: {name} is not allowed for {self.found.title}; nothing is estimated there")
-        return []
-
-    def _count(self, trials: int | None, first: int) -> int:
-        """Return how many trials to run: 100, or the tracks of a recording."""
-        if self.recorded is None:
-            return 100 if trials is None else int(trials)
-        tracks = len(self.recorded.tracks)
-        count = tracks - first if trials is None else int(trials)
-        if not first < first + count <= tracks:
-            held = "a recording of 1 track" if tracks == 1 else f"a recording of {tracks} tracks"
-            raise UserError(
-                f"trials: {count} from {first} on {'is' if count == 1 else 'are'} not allowed; {self.found.title} is "
-                f"{held}, and each is a trial"
-            )
-        return count
 
     def _width(self, count: int) -> int:
         """Return how many of so many trials to run at once, so that the memory of a chunk is bounded."""
@@ -423,90 +373,3 @@ def _version() -> str:
         return version("quietfix")
     except PackageNotFoundError:
         return "not installed"
-
-
-def run_study(
-    system: str | System | Found,
-    *,
-    variant: str | None = None,
-    scenario: Any = None,
-    estimators: Sequence[str] | None = None,
-    trials: int | None = None,
-    first_trial: int = 0,
-    seed: int = 0,
-    set: Sequence[str] | Mapping[str, Any] | None = None,
-    keep: str = "estimates",
-    every: int = 1,
-    chunk: int | None = None,
-    progress: bool = False,
-) -> xr.Dataset:
-    """Run a Monte Carlo study of several estimators side by side on one stream of measurements.
-
-    Parameters
-    ----------
-    system : str or System
-        ``NAME[:VARIANT]``, ``package.module:OBJECT[:VARIANT]``, ``FILE.py:OBJECT[:VARIANT]``, ``FILE.yaml``, or the
-        object; see `diagrams.assembly.find.find`.
-    variant : str, optional
-        Variant, if it is not in `system`.
-    scenario : path, str or dataclass, optional
-        A user's YAML file laid over the packaged scenario, or a whole scenario object.
-    estimators : sequence of str, optional
-        Names in the scenario or the registry, or ``package.module:Class``; all of the scenario by default.
-    trials, first_trial : int
-        How many trials (by default 100; of a recording all its tracks), and the number of the first: trial 37 alone is
-        ``first_trial=37, trials=1``.
-    seed : int
-        Seed of all noise.
-    set : sequence of ``KEY=VALUE`` or mapping, optional
-        Changes of the scenario, with dotted keys.
-    keep : {'estimates', 'covariance', 'measurements', 'all'}
-        What of each trial is returned besides truth, NEES and NIS.
-    every : int
-        Keep every so many epochs (and the last).
-    chunk : int, optional
-        Trials at once; bounds the memory and changes no number. By default what fits.
-    progress : bool
-        Show a progress bar on a terminal if it takes longer than a second.
-
-    Returns
-    -------
-    xarray.Dataset
-        Dimensions estimator, trial, time, state; bounds as ``bound_*`` and ``bound_truth_*``; the coordinate
-        ``measured_rows`` (trial): most rows that are measured at once.
-
-    Raises
-    ------
-    UserError
-        For whatever cannot be run, naming the field, the value and what is allowed.
-
-    Notes
-    -----
-    Drake 1.51 (Python 3.11) never lets go of a block: a process grows by about 2 MB with every call (1.8 MB for the
-    five estimators of `three_satellite`). Thousands of short studies in one process are better run on a later Drake, or
-    as one study of many trials.
-    """
-    study = Study(
-        system,
-        variant=variant,
-        scenario=scenario,
-        estimators=estimators,
-        trials=trials,
-        first_trial=first_trial,
-        seed=seed,
-        set=set,
-        keep=keep,
-        every=every,
-        chunk=chunk,
-    )
-    return join(list(study.chunks(progress)))
-
-
-def join(parts: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Join the chunks of a study; what has no trials (bounds, shared truth) comes from the last one."""
-    if len(parts) == 1:
-        return parts[0]
-    last = parts[-1]
-    grows = [part[[name for name in part if "trial" in part[name].dims]] for part in parts]
-    whole = xr.concat(grows, "trial", combine_attrs="override")
-    return whole.assign({name: last[name] for name in last if "trial" not in last[name].dims})

@@ -9,7 +9,8 @@ import pytest
 from diagrams.commands.catalogue import variants
 from diagrams.schema.errors import UserError
 from diagrams.statistics.metrics import summarise
-from diagrams.studies.study import Study, run_study
+from diagrams.studies.study import Study
+from diagrams.studies.whole import run_study
 from systems.filters.common_mode import CommonModeMonitor
 from systems.filters.iterated_extended import IteratedExtendedKalman
 from systems.measurement.range_rate import RangeRate

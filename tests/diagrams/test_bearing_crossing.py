@@ -10,7 +10,8 @@ from diagrams.schema.errors import UserError
 from diagrams.statistics.metrics import summarise
 from diagrams.statistics.posterior_bound import posterior_bound
 from diagrams.statistics.state_errors import errors
-from diagrams.studies.study import Study, run_study
+from diagrams.studies.study import Study
+from diagrams.studies.whole import run_study
 from systems.angles.bearing import Bearing
 from systems.motion.constant_velocity import ConstantVelocity
 from tests.fitting import check_fits

@@ -17,7 +17,7 @@ from diagrams.figures.gdop import draw_gdop
 from diagrams.maps.bounds import last_bound, map_bounds
 from diagrams.parts.launch import vehicle_block
 from diagrams.statistics.posterior_bound import posterior_bound
-from diagrams.studies.study import run_study
+from diagrams.studies.whole import run_study
 from tests.diagrams.test_command_line import in_process
 from tests.fitting import check_fits
 

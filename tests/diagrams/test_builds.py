@@ -8,7 +8,8 @@ from diagrams import figures
 from diagrams.assembly.drawing import diagram_dot
 from diagrams.commands.catalogue import load_scenario
 from diagrams.commands.command_line import main
-from diagrams.studies.study import Study, run_study
+from diagrams.studies.study import Study
+from diagrams.studies.whole import run_study
 from diagrams.verification.verify import verify
 from systems.counting import counting
 

@@ -20,7 +20,7 @@ from diagrams.schema.errors import UserError
 from diagrams.statistics.bootstrap import PairedBootstrap, interval
 from diagrams.statistics.metrics import armse, rmse
 from diagrams.statistics.state_errors import errors
-from diagrams.studies.study import join
+from diagrams.studies.whole import join
 from systems.registry import ESTIMATORS
 
 SHORT = {

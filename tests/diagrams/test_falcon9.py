@@ -7,7 +7,8 @@ import pytest
 
 from diagrams.readers.falcon9 import falcon9_flight
 from diagrams.schema.errors import UserError
-from diagrams.studies.study import Study, run_study
+from diagrams.studies.study import Study
+from diagrams.studies.whole import run_study
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,8 @@ from diagrams.studies import runs
 from diagrams.studies.marker import MARKER
 from diagrams.studies.results import open_result
 from diagrams.studies.store import append
-from diagrams.studies.study import Study, join
+from diagrams.studies.study import Study
+from diagrams.studies.whole import join
 from systems.constants import SPEED_OF_LIGHT
 from systems.earth.geodetic import ecef_to_geodetic, geodetic_state, geodetic_to_ecef
 from systems.estimators.arrival_gate import KEPT

@@ -18,7 +18,8 @@ from diagrams.statistics.state_errors import errors
 from diagrams.studies.rerun import ask_again
 from diagrams.studies.results import open_result
 from diagrams.studies.store import append
-from diagrams.studies.study import Study, join
+from diagrams.studies.study import Study
+from diagrams.studies.whole import join
 
 ROBUST = """
 from systems.estimators.kalman import KalmanEstimator

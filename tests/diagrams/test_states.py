@@ -14,7 +14,8 @@ from diagrams.statistics.bounds import bound_squares
 from diagrams.statistics.consistency import nees_statistics
 from diagrams.statistics.metrics import rmse, summarise
 from diagrams.statistics.state_errors import axis_errors, errors
-from diagrams.studies.study import Study, run_study
+from diagrams.studies.study import Study
+from diagrams.studies.whole import run_study
 from diagrams.verification.study_view import StudyFacts
 from systems.motion.constant_velocity import ConstantVelocity
 from systems.motion.pass_oscillator import PassOscillator

@@ -10,7 +10,7 @@ from diagrams.commands.catalogue import load_scenario
 from diagrams.commands.comparing import compare_command
 from diagrams.schema.errors import UserError
 from diagrams.studies.output import OutputFolder
-from diagrams.studies.study import run_study
+from diagrams.studies.whole import run_study
 from diagrams.verification.verify import verify
 
 FILTERS = """

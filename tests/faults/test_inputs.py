@@ -12,7 +12,7 @@ from diagrams.commands.catalogue import load_scenario
 from diagrams.commands.command_line import main
 from diagrams.schema.errors import UserError, one_line
 from diagrams.schema.scenario import dump, load, read_yaml
-from diagrams.studies.study import run_study
+from diagrams.studies.whole import run_study
 from systems.files import Unreadable, read_bytes, read_text
 
 RUN = {"trials": 2, "set": {"duration_s": 2}}

@@ -9,7 +9,7 @@ from diagrams.commands.running import print_summary
 from diagrams.experiments.compare import compare
 from diagrams.statistics.metrics import diverged, not_started, summarise
 from diagrams.studies.starting import why_not_started
-from diagrams.studies.study import run_study
+from diagrams.studies.whole import run_study
 from systems.linear_algebra import inverses, solve
 
 ONE_PLACE = "satellites=[!Offset {along_km: 0.0, across_km: 69.0}, !Offset {along_km: 40.0}, !Offset {along_km: 40.0}]"

@@ -21,7 +21,8 @@ from diagrams.recorded.kiwisdr import declare_data, read_folder
 from diagrams.recorded.locards import Settings as LocardsSettings
 from diagrams.recorded.locards import declare_sets
 from diagrams.recorded.settings.kiwisdr_settings import Settings as KiwiSettings
-from diagrams.studies.study import Study, join
+from diagrams.studies.study import Study
+from diagrams.studies.whole import join
 from tests.golden.record import _array, machine
 
 __all__ = ["FAST", "FILE", "SLOW", "read", "recorded_case", "report_of"]

@@ -6,7 +6,7 @@ Bit for bit, whatever its neighbours miss, for every registered estimator.
 import numpy as np
 import pytest
 
-from diagrams.studies.study import run_study
+from diagrams.studies.whole import run_study
 from systems.registry import ESTIMATORS
 from tests.laws.packaged import EVERYTHING
 

@@ -1,0 +1,350 @@
+"""The commands of ``quietfix``: what each takes; what it does is in a file of its own, imported when it is called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from diagrams.commands.arguments import DATA, ESTIMATOR, SCENARIO, SET, SYSTEM, number, whole
+from diagrams.commands.replay_help import ReplayHelp
+
+__all__ = ["app"]
+
+_EXIT = """Exit status: 0 done; 2 a mistake in what was asked for (one line says which field, its value and what is
+allowed); 130 interrupted by Ctrl-C (finished chunks stay in DIR.partial). `verify`: 0 all requirements hold, 1 one
+fails, 3 none fails but one is undecided."""
+
+app = typer.Typer(
+    name="quietfix",
+    help="Passive location and tracking as Drake block diagrams.",
+    epilog=_EXIT,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"quietfix {version('quietfix')}, drake {version('drake')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and exit.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Hold the options that stand before a command."""
+
+
+@app.command("list")
+def list_(
+    chosen: Annotated[
+        list[str] | None, typer.Argument(metavar="[SYSTEM]...", help="Only these.", show_default=False)
+    ] = None,
+) -> None:
+    """List systems, variants and estimators."""
+    from diagrams.assembly.find import RECORDINGS
+    from diagrams.commands.listing import list_systems
+    from diagrams.console.terminal import say
+    from systems.registry import ESTIMATORS
+
+    list_systems(chosen)
+    if chosen:
+        return
+    say(f"registered estimators: {', '.join(ESTIMATORS)}")
+    say(f"recordings, also for `quietfix replay`: {', '.join(RECORDINGS)}")
+
+
+@app.command()
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="What it is called; letters, digits, _ and -.")],
+    template: Annotated[
+        str | None, typer.Option(metavar="NAME", help="drone, ship or beacon.  [default: drone]", show_default=False)
+    ] = None,
+    python: Annotated[bool, typer.Option("--python", help="Write a Python module, NAME.py, instead.")] = False,
+) -> None:
+    """Write a system of your own to start from, NAME.yaml, and its requirements, NAME.requirements.yaml."""
+    from diagrams.commands.new import new_command
+
+    new_command(name, template, python)
+
+
+@app.command()
+def show(
+    system: Annotated[str | None, SYSTEM] = None,
+    settings: Annotated[list[str] | None, SET] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
+    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON Schema of its file instead.")] = False,
+) -> None:
+    """Print the resolved scenario with a comment on every field, to be edited and used with --scenario.
+
+    With --schema, for an editor that completes and checks the file; without SYSTEM that of a system of one's own.
+    """
+    from diagrams.commands.catalogue import load_scenario
+    from diagrams.commands.json_schema import schema_text
+    from diagrams.schema.errors import UserError
+    from diagrams.schema.scenario import dump
+
+    if schema:
+        if settings or scenario is not None:
+            raise UserError("--schema: it is not allowed with --set or --scenario; it is the same for all values")
+        print(schema_text(system))
+        return
+    if system is None:
+        raise UserError("SYSTEM: none is given; see `quietfix list`")
+    resolved = load_scenario(system, None, scenario, settings or [])
+    print(f"# {system}")
+    print(dump(resolved), end="")
+
+
+@app.command()
+def run(
+    system: Annotated[str | None, SYSTEM] = None,
+    estimators: Annotated[list[str] | None, ESTIMATOR] = None,
+    trials: Annotated[
+        int | None, typer.Option(parser=whole, metavar="N", help="Monte Carlo trials.  [default: 100; all tracks]")
+    ] = None,
+    first_trial: Annotated[
+        int | None, typer.Option(parser=whole, metavar="N", help="Number of the first trial.  [default: 0]")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(parser=whole, metavar="N", help="Seed of all noise.  [default: 0]")
+    ] = None,
+    settings: Annotated[list[str] | None, SET] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
+    from_: Annotated[
+        Path | None, typer.Option("--from", metavar="RESULT", help="Run an earlier result again from itself.")
+    ] = None,
+    keep: Annotated[
+        str | None, typer.Option(help="estimates, covariance, measurements or all.  [default: estimates]")
+    ] = None,
+    every: Annotated[
+        int | None, typer.Option(parser=whole, metavar="N", help="Keep every so many epochs.  [default: 1]")
+    ] = None,
+    chunk: Annotated[
+        int | None, typer.Option(parser=whole, metavar="N", help="Trials at once; changes no number.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write results, summary and figures here.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="With --from: import the system and the classes that the result names.")
+    ] = False,
+    data: Annotated[list[Path] | None, DATA] = None,
+    measurements: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Of a system of your own in YAML: what its sensors measured. CSV or Parquet with columns time or "
+            "time_s, kind, receiver, reference, value, unit and, as needed, target, sigma.",
+        ),
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="With measurements: where the target was, a CSV track; errors are told then."
+        ),
+    ] = None,
+    write_measurements: Annotated[
+        bool, typer.Option("--write-measurements", help="Write what was measured into DIR, for --measurements.")
+    ] = False,
+) -> None:
+    """Run a study: print a table; with --out write results.zarr, summary.json, figures and diagram.svg.
+
+    On measurements of your own also estimates.csv and estimates.parquet.
+    """
+    from diagrams.commands.running import run_command
+
+    asked = {
+        "estimators": estimators,
+        "trials": trials,
+        "first_trial": first_trial,
+        "seed": seed,
+        "set": settings,
+        "scenario": scenario,
+        "keep": keep,
+        "every": every,
+        "chunk": chunk,
+        "data": data,
+        "measurements": measurements,
+        "truth": truth,
+        "write_measurements": write_measurements or None,
+    }
+    run_command(system, {k: v for k, v in asked.items() if v is not None}, from_, out, overwrite, trust)
+
+
+@app.command()
+def draw(
+    system: Annotated[str, SYSTEM],
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="SVG or PNG.  [default: SYSTEM.svg]")] = None,
+    estimators: Annotated[list[str] | None, ESTIMATOR] = None,
+    settings: Annotated[list[str] | None, SET] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
+    data: Annotated[list[Path] | None, DATA] = None,
+) -> None:
+    """Draw the block diagram as SVG or PNG."""
+    from diagrams.commands.running import draw_command
+
+    draw_command(system, estimators, settings, scenario, out, data)
+
+
+@app.command()
+def gdop(
+    system: Annotated[str, SYSTEM],
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Where the maps go.  [default: gdop]")] = None,
+    settings: Annotated[list[str] | None, SET] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier maps in DIR.")] = False,
+) -> None:
+    """Map the bound over where the target may be, and print how large it is."""
+    from diagrams.commands.running import gdop_command
+
+    gdop_command(system, settings, scenario, out, overwrite)
+
+
+@app.command()
+def observe(
+    system: Annotated[str, SYSTEM],
+    estimators: Annotated[list[str] | None, ESTIMATOR] = None,
+    window: Annotated[
+        float | None,
+        typer.Option(
+            "--window", parser=number, metavar="S", help="Seconds from the first epoch on.  [default: the whole run]"
+        ),
+    ] = None,
+    settings: Annotated[list[str] | None, SET] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write summary.json and figures here.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+) -> None:
+    """Say which directions of the state at the start the measurements can know, how well, and from when on."""
+    from diagrams.commands.running import observe_command
+
+    observe_command(system, estimators, window, settings, scenario, out, overwrite)
+
+
+@app.command()
+def compare(
+    systems: Annotated[list[str], typer.Argument(metavar="SYSTEM[:VARIANT]...", help="One or more systems.")],
+    estimators: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--estimator",
+            metavar="NAME",
+            help="Names of the scenario or registry, package.module:Class, `default` or `all`.  [default: those of "
+            "the scenario, and ekf, iekf, ukf, pf]",
+        ),
+    ] = None,
+    trials: Annotated[
+        int | None, typer.Option(parser=whole, metavar="N", help="Monte Carlo trials.  [default: 100; all tracks]")
+    ] = None,
+    seed: Annotated[int, typer.Option(parser=whole, metavar="N", help="Seed of all noise.")] = 0,
+    at: Annotated[
+        float | None, typer.Option(parser=number, metavar="T", help="RMSE at this time [s].  [default: the end]")
+    ] = None,
+    settings: Annotated[list[str] | None, SET] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
+    format_: Annotated[str, typer.Option("--format", help="table or markdown.")] = "table",
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write comparison.json, results, figures.")] = None,
+    data: Annotated[list[Path] | None, DATA] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+) -> None:
+    """Compare estimators on one stream of measurements: errors, bounds, consistency, cost, who is the best."""
+    from diagrams.commands.comparing import compare_command
+
+    options = {"estimators": estimators, "trials": trials, "seed": seed, "set": settings, "scenario": scenario}
+    compare_command(systems, options | {"data": data}, at, format_, out, overwrite)
+
+
+@app.command()
+def sweep(
+    system: Annotated[str, SYSTEM],
+    vary: Annotated[
+        str,
+        typer.Option(
+            metavar="KEY=A:B:N",
+            help="Field of the scenario and its values: from A to B in N points, KEY=log:A:B:N by a factor, or "
+            "KEY=V1,V2,...",
+            show_default=False,
+        ),
+    ],
+    estimators: Annotated[list[str] | None, ESTIMATOR] = None,
+    trials: Annotated[int, typer.Option(parser=whole, metavar="N", help="Monte Carlo trials.")] = 100,
+    seed: Annotated[int, typer.Option(parser=whole, metavar="N", help="Seed of all noise.")] = 0,
+    at: Annotated[
+        float | None, typer.Option(parser=number, metavar="T", help="Errors at this time [s].  [default: the end]")
+    ] = None,
+    settings: Annotated[list[str] | None, SET] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write sweep.json, results and a figure.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+) -> None:
+    """Vary one number of a scenario on the same noise: what a mismatch costs, and whether the covariance tells."""
+    from diagrams.commands.sweeping import sweep_command
+
+    options = {"estimators": estimators, "trials": trials, "seed": seed, "at": at, "set": settings}
+    sweep_command(system, vary, options | {"scenario": scenario}, out, overwrite)
+
+
+@app.command(cls=ReplayHelp)
+def replay(
+    dataset: Annotated[str, typer.Argument(metavar="DATASET", help="Which recording; see `quietfix list`.")],
+    file: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[FILE]",
+            help="For `bearings`: a CSV file with columns time_s, x_m and y_m (or latitude_deg and longitude_deg), "
+            "bearing_deg clockwise from north, sigma_deg (may be empty). For `iq`: two or more SigMF recordings.",
+            show_default=False,
+        ),
+    ] = None,
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", metavar="DIR", help="Folder of the recordings; else the variable QUIETFIX_DATA."),
+    ] = None,
+    estimators: Annotated[list[str] | None, ESTIMATOR] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write results, summary and figures here.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a setting; `quietfix show DATASET` prints them, and so does `quietfix replay DATASET --help`.",
+        ),
+    ] = None,
+) -> None:
+    """Run a recording: `quietfix run DATASET` in fewer words."""
+    from diagrams.commands.running import replay_command
+
+    asked = {"estimators": estimators, "settings": settings}
+    replay_command(dataset, {k: v for k, v in asked.items() if v}, out, overwrite, data, file)
+
+
+@app.command()
+def verify(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Requirements, a YAML file.", show_default=False)],
+    trials: Annotated[
+        int | None, typer.Option(parser=whole, metavar="N", help="Trials at the last look, instead of the file's.")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(parser=whole, metavar="N", help="Seed of all noise, instead of the file's.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write verification.json and a figure here.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+) -> None:
+    """Judge requirements: each holds, fails, or is undecided after as many trials as the file allows.
+
+    Exit status: 0 all hold; 1 one fails; 3 none fails, but one is undecided; 2 a mistake in the file; 130 Ctrl-C.
+    """
+    from diagrams.commands.verifying import verify_command
+
+    raise typer.Exit(verify_command(file, trials, seed, out, overwrite))

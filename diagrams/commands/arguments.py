@@ -1,0 +1,42 @@
+"""Arguments and options that several commands have."""
+
+from __future__ import annotations
+
+import typer
+
+__all__ = ["DATA", "ESTIMATOR", "SCENARIO", "SET", "SYSTEM", "number", "whole"]
+
+SYSTEM = typer.Argument(
+    metavar="SYSTEM[:VARIANT]",
+    help="A name that `quietfix list` prints, package.module:OBJECT, FILE.py:OBJECT or FILE.yaml.",
+    show_default=False,
+)
+SET = typer.Option("--set", metavar="KEY=VALUE", help="Change a field of the scenario; dotted key. Repeatable.")
+SCENARIO = typer.Option("--scenario", metavar="FILE", help="A YAML file laid over the packaged scenario.")
+DATA = typer.Option(
+    "--data",
+    metavar="DIR",
+    help="Of a recording: its folder, or the one that holds it; else the variable QUIETFIX_DATA. Or its files, where "
+    "it is in files of your own. Repeatable.",
+)
+ESTIMATOR = typer.Option(
+    "--estimator",
+    metavar="NAME",
+    help="Run only these: names of the scenario or registry, `default` for all of the scenario, or module:Class.",
+)
+
+
+def whole(value: str) -> int:
+    """Return a whole number as a word on the command line says it."""
+    try:
+        return int(value)
+    except ValueError:
+        raise typer.BadParameter(f"{value} is not allowed; a whole number") from None
+
+
+def number(value: str) -> float:
+    """Return a number as a word on the command line says it."""
+    try:
+        return float(value)
+    except ValueError:
+        raise typer.BadParameter(f"{value} is not allowed; a number") from None

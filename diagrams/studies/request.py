@@ -1,0 +1,73 @@
+"""What a study is asked for, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from diagrams.assembly.find import Found
+from diagrams.assembly.lineup import select_estimators
+from diagrams.assembly.recorded import Recorded
+from diagrams.schema.errors import UserError
+
+__all__ = ["KEEP", "Request", "check_numbers", "count_of", "estimators_of"]
+
+KEEP = ("estimates", "covariance", "measurements", "all")
+"""What of each trial is kept; errors, NEES and NIS always are."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a study was asked for, after checking."""
+
+    system: str
+    variant: str | None
+    scenario: Any
+    estimators: list[str]
+    trials: int
+    first_trial: int
+    seed: int
+    keep: str
+    every: int
+    chunk: int | None
+
+
+def check_numbers(trials: int | None, first_trial: int, seed: int, every: int, chunk: int | None) -> None:
+    """Refuse numbers that are none, or out of range; see `diagrams.studies.whole.run_study`."""
+    for what, value, least in (
+        ("trials", 1 if trials is None else trials, 1),
+        ("first-trial", first_trial, 0),
+        ("seed", seed, 0),
+        ("every", every, 1),
+        ("chunk", 1 if chunk is None else chunk, 1),
+    ):
+        if not isinstance(value, int | np.integer) or isinstance(value, bool) or not least <= value < 2**53:
+            raise UserError(f"{what}: {value!r} is not allowed; a whole number from {least} to {2**53 - 1}")
+
+
+def estimators_of(found: Found, scenario: Any, estimators: Sequence[str] | None) -> list[str]:
+    """Return the names of the estimators to run; a system may estimate nothing."""
+    if found.system.estimates:
+        return select_estimators(scenario, estimators)
+    if estimators or scenario.estimators:
+        name = [*(estimators or ()), *scenario.estimators][0]
+        raise UserError(f"estimators: {name} is not allowed for {found.title}; nothing is estimated there")
+    return []
+
+
+def count_of(found: Found, recorded: Recorded | None, trials: int | None, first: int) -> int:
+    """Return how many trials to run: 100, or the tracks of a recording."""
+    if recorded is None:
+        return 100 if trials is None else int(trials)
+    tracks = len(recorded.tracks)
+    count = tracks - first if trials is None else int(trials)
+    if not first < first + count <= tracks:
+        held = "a recording of 1 track" if tracks == 1 else f"a recording of {tracks} tracks"
+        raise UserError(
+            f"trials: {count} from {first} on {'is' if count == 1 else 'are'} not allowed; {found.title} is {held}, "
+            "and each is a trial"
+        )
+    return count

@@ -1,0 +1,96 @@
+"""Rooms of the code: what each is for is said in its docstring, and imports point one way, without a circle."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+MOST_FILES = 15  # of a room, `__init__` apart
+MOST_LINES = 400  # of a file
+MOST_STATEMENT_LINES = 60  # of a function, its docstring apart
+
+
+def modules():
+    """Path of every module by its dotted name, the import name `quietfix` left out."""
+    found = {}
+    for top in ("systems", "diagrams"):
+        for path in sorted((ROOT / top).rglob("*.py")):
+            name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            found[name.removesuffix(".__init__")] = path
+    return found
+
+
+MODULES = modules()
+
+
+def room(module):
+    """The room that a module is in: its package."""
+    return module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
+
+
+def imports(module):
+    """Modules of ours that a module imports anywhere, within functions and for types too."""
+    for node in ast.walk(ast.parse(MODULES[module].read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            parent = node.module.removeprefix("quietfix.")
+            for name in node.names:
+                yield from (m for m in (f"{parent}.{name.name}", parent) if m in MODULES)
+        elif isinstance(node, ast.Import):
+            yield from (m for m in (name.name.removeprefix("quietfix.") for name in node.names) if m in MODULES)
+
+
+def edges():
+    """Which room imports from which, with an example; the two top packages only say where things are."""
+    found = {}
+    for module in MODULES:
+        for other in imports(module):
+            a, b = room(module), room(other)
+            if a != b and b != "diagrams" and module not in ("diagrams", "diagrams.__main__"):
+                found.setdefault(a, {})[b] = f"{module} imports {other}"
+    return found
+
+
+def test_no_circle_of_rooms():
+    below = edges()
+    left = {room(module) for module in MODULES}
+    while left:
+        floor = {a for a in left if not (set(below.get(a, ())) & left)}
+        assert floor, [text for a in left for b, text in below.get(a, {}).items() if b in left]
+        left -= floor
+
+
+def test_systems_know_nothing_of_diagrams():
+    found = [
+        text for a, others in edges().items() if a.startswith("systems") for b, text in others.items() if "dia" in b
+    ]
+    assert not found
+
+
+@pytest.mark.parametrize("top", ["systems", "diagrams"])
+def test_rooms_are_small_and_say_what_they_are_for(top):
+    for folder in [ROOT / top, *sorted((ROOT / top).rglob("*/"))]:
+        files = [path for path in folder.glob("*.py") if path.name != "__init__.py"]
+        if not files and not (folder / "__init__.py").exists():
+            continue
+        assert len(files) <= MOST_FILES, folder
+        docstring = ast.get_docstring(ast.parse((folder / "__init__.py").read_text()))
+        assert docstring and len(docstring) > 20, folder
+
+
+def lengths(path):
+    """Lines of every function of a file, docstring apart."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef):
+            first = node.body[0]
+            documented = isinstance(first, ast.Expr) and isinstance(getattr(first, "value", None), ast.Constant)
+            about = first.end_lineno - first.lineno + 1 if documented and isinstance(first.value.value, str) else 0
+            yield node.name, node.end_lineno - node.lineno + 1 - about
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_files_and_functions_are_short(module):
+    path = MODULES[module]
+    assert len(path.read_text().splitlines()) <= MOST_LINES
+    long = [(name, lines) for name, lines in lengths(path) if lines > MOST_STATEMENT_LINES]
+    assert not long
