@@ -68,3 +68,18 @@ class Recorded:
     keeps: Sequence[str] = ()
     bounds: bool = False
     truth: bool = True
+
+    def __post_init__(self) -> None:
+        """Check that names, clocks and times are of the same tracks.
+
+        Raises
+        ------
+        ValueError
+            If they are not.
+        """
+        several = len(self.clocks) or 1
+        if len(self.tracks) != several or len(self.times) != len(self.clocks):
+            raise ValueError(
+                f"recorded: {len(self.tracks)} tracks with {len(self.clocks)} clocks and {len(self.times)} times are "
+                "not allowed; as many of each, or one track that has the clock of the model"
+            )

@@ -47,8 +47,7 @@ def run_command(
     began = time.monotonic()
     study, write = _asked_for(system, asked, from_, out, trust)
     if out is None:
-        parts = list(study.chunks(progress))
-        dataset = join(parts)
+        dataset = join(list(study.chunks(progress)))
         report = study.report(dataset)
         _print_all(dataset, summarise(dataset), report, study.recorded is not None)
         return report
@@ -162,7 +161,8 @@ def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
     shares = (1.0,) if tracks else (1 / 15, 1 / 3, 2 / 3, 1.0)
     picks = sorted({int(np.argmin(np.abs(times - share * times[-1]))) for share in shares})
     variant = f":{dataset.attrs['variant']}" if dataset.attrs["variant"] else ""
-    trials = f"{dataset.sizes['trial']} {'tracks' if tracks else 'trials'}"
+    count = dataset.sizes["trial"]
+    trials = f"{count} {'track' if tracks else 'trial'}{'s' * (count != 1)}"
     table = Table(
         f"{dataset.attrs['system']}{variant}, {trials}, seed {dataset.attrs['seed']}",
         [

@@ -47,7 +47,7 @@ def out(tmp_path_factory, recorded):
 def test_a_recording_is_run_as_any_system(out):
     """Table, result and summary of every study, and beside them what this recording tells."""
     folder, printed = out
-    assert "doptrack, 1 trials, seed 0" in printed and "its sigma [km]" in printed
+    assert "doptrack, 1 trial, seed 0" in printed and "its sigma [km]" in printed
     files = {path.name for path in folder.iterdir()}
     assert {"results.zarr", "summary.json", "diagram.svg", "error_position.png", "station_error.png"} <= files
     result, summary = open_result(folder), json.loads((folder / "summary.json").read_text())
