@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from diagrams.commands.arguments import DATA, ESTIMATOR, SCENARIO, SET, SYSTEM, number, whole
+from diagrams.commands.arguments import DATA, ESTIMATOR, MEASUREMENTS, SCENARIO, SET, SYSTEM, TRUTH, number, whole
 from diagrams.commands.replay_help import ReplayHelp
 
 __all__ = ["app"]
@@ -139,20 +139,8 @@ def run(
         bool, typer.Option("--trust", help="With --from: import the system and the classes that the result names.")
     ] = False,
     data: Annotated[list[Path] | None, DATA] = None,
-    measurements: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Of a system of your own in YAML: what its sensors measured. CSV or Parquet with columns time or "
-            "time_s, kind, receiver, reference, value, unit and, as needed, target, sigma.",
-        ),
-    ] = None,
-    truth: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="With measurements: where the target was, a CSV track; errors are told then."
-        ),
-    ] = None,
+    measurements: Annotated[Path | None, MEASUREMENTS] = None,
+    truth: Annotated[Path | None, TRUTH] = None,
     write_measurements: Annotated[
         bool, typer.Option("--write-measurements", help="Write what was measured into DIR, for --measurements.")
     ] = False,

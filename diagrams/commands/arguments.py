@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-__all__ = ["DATA", "ESTIMATOR", "SCENARIO", "SET", "SYSTEM", "number", "whole"]
+__all__ = ["DATA", "ESTIMATOR", "MEASUREMENTS", "SCENARIO", "SET", "SYSTEM", "TRUTH", "number", "whole"]
 
 SYSTEM = typer.Argument(
     metavar="SYSTEM[:VARIANT]",
@@ -24,6 +24,14 @@ ESTIMATOR = typer.Option(
     metavar="NAME",
     help="Run only these: names of the scenario or registry, `default` for all of the scenario, or module:Class.",
 )
+
+
+MEASUREMENTS = typer.Option(
+    metavar="FILE",
+    help="Of a system of your own in YAML: what its sensors measured. CSV or Parquet with columns time or time_s, "
+    "kind, receiver, reference, value, unit and, as needed, target, sigma.",
+)
+TRUTH = typer.Option(metavar="FILE", help="With measurements: where the target was, a CSV track; errors are told then.")
 
 
 def whole(value: str) -> int:
