@@ -15,6 +15,7 @@ from diagrams.assembly.bus import Bus
 from diagrams.own.fed.matching import Matched, matched
 from diagrams.own.fed.rows import Row
 from diagrams.paths.functions import Path
+from diagrams.readers.ccsds.tdm_table import TDM_SUFFIXES, tdm_measurements
 from diagrams.readers.measurements import MeasurementTable, read_measurements
 from systems.clocks import Stepped, Times
 from systems.playback.track_paths import TrackPaths
@@ -100,7 +101,7 @@ def table_of(path: FilePath) -> MeasurementTable:
 
 @lru_cache(maxsize=2)
 def _read(path: FilePath, stamp: tuple[int, int]) -> MeasurementTable:
-    return read_measurements(path)
+    return tdm_measurements(path) if path.suffix.lower() in TDM_SUFFIXES else read_measurements(path)
 
 
 def played(

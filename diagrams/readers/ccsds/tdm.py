@@ -41,6 +41,8 @@ class TrackingRecords:
         In the standard's units (km, km/s, Hz, deg, s ...), as written: nothing is added.
     digits : dict of int to str
         The values that have more digits than a number here (phase counts), by row.
+    line : ndarray of int, shape (k,)
+        Where each was in a file; equal records may have been elsewhere. Empty: nowhere.
     """
 
     keywords: tuple[str, ...]
@@ -48,6 +50,7 @@ class TrackingRecords:
     rest: Array
     value: Array
     digits: Mapping[int, str] = field(default_factory=dict)
+    line: Integers = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     def __eq__(self, other: object) -> bool:
         """Tell whether all records are equal."""
@@ -267,12 +270,12 @@ def _records(
     if not keywords:
         text.refuse(begin, "a data section without a record is not allowed")
     columns = np.array(second, dtype=np.int64), np.array(rest), np.array(value)
-    records = TrackingRecords(tuple(keywords), *columns, digits)
-    _check_unique(text, records, np.array(number))
+    records = TrackingRecords(tuple(keywords), *columns, digits, np.array(number, dtype=np.int64))
+    _check_unique(text, records)
     return records, tuple(comments)
 
 
-def _check_unique(text: KvnText, records: TrackingRecords, lines: Integers) -> None:
+def _check_unique(text: KvnText, records: TrackingRecords) -> None:
     """Refuse two records of a keyword at the same time: 3.4.11 of the standard."""
     numbers = {name: i for i, name in enumerate(sorted(set(records.keywords)))}
     kind = np.array([numbers[name] for name in records.keywords])
@@ -281,7 +284,8 @@ def _check_unique(text: KvnText, records: TrackingRecords, lines: Integers) -> N
     twice = np.flatnonzero(np.all(same, axis=0))
     if twice.size:
         first, other = order[twice[0]], order[twice[0] + 1]
-        text.refuse(int(lines[other]), f"{records.keywords[other]} of this time is in line {lines[first]} too; once")
+        again = f"{records.keywords[other]} of this time is in line {records.line[first]} too; once"
+        text.refuse(int(records.line[other]), again)
 
 
 def _record(text: KvnText, line: KvnLine, metadata: Mapping[str, str]) -> tuple[tuple[int, float], float]:

@@ -108,6 +108,8 @@ class Observations:
         In the unit of the link, with the frequency offset and with the corrections that the file has not applied.
     left_out : dict of str to int
         Keywords of the file that are no observations of a target (powers, weather, clocks ...), and how many of each.
+    line : ndarray of int, shape (k,)
+        Where each is in the file; 0: nowhere.
     """
 
     links: tuple[Link, ...]
@@ -116,6 +118,7 @@ class Observations:
     rest: Array
     value: Array
     left_out: Mapping[str, int]
+    line: Integers
 
 
 def observations(message: TrackingMessage) -> Observations:
@@ -133,14 +136,16 @@ def observations(message: TrackingMessage) -> Observations:
     numbers: dict[Link, int] = {}
     left_out: Counter[str] = Counter()
     parts = [_rows(segment, numbers, left_out, n) for n, segment in enumerate(message.segments, 1)]
-    link, second, rest, value = (np.concatenate(column) for column in zip(*parts, strict=True))
+    link, second, rest, value, line = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.lexsort((link, rest, second))
-    return Observations(tuple(numbers), link[order], second[order], rest[order], value[order], dict(left_out))
+    return Observations(
+        tuple(numbers), link[order], second[order], rest[order], value[order], dict(left_out), line[order]
+    )
 
 
 def _rows(
     segment: TrackingSegment, numbers: dict[Link, int], left_out: Counter[str], number: int
-) -> tuple[Integers, Integers, Array, Array]:
+) -> tuple[Integers, Integers, Array, Array, Integers]:
     records = segment.records
     keywords = np.array(records.keywords)
     link = np.full(keywords.size, -1, dtype=np.int64)
@@ -154,7 +159,8 @@ def _rows(
         link[rows] = numbers.setdefault(found, len(numbers))
         value[rows] += _added(segment.metadata, name)
     kept = link >= 0
-    return link[kept], records.second[kept], records.rest[kept], value[kept]
+    line = records.line if records.line.size else np.zeros(link.size, dtype=np.int64)
+    return link[kept], records.second[kept], records.rest[kept], value[kept], line[kept]
 
 
 def _stem(name: str) -> str:
