@@ -117,7 +117,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         flight.check(np.stack([np.zeros(6) if path is None else path(0.0)] * 2), scenario.period_s)
     kinds = [kind for one in sensors for kind in one.kinds]
     resolvers = phase_resolvers(scenario, kinds, motion.size)
-    fed = None if table is None else measured(scenario, setting, table, kinds, places_of(scenario), truth)
+    fed = None if table is None else measured(scenario, setting, table, kinds, places_of(scenario), truth, carriers)
     clock = _clock(sensors) if fed is None else fed.clock
     around = Surroundings(scenario, kinds, clock, motion.size, path, carriers, setting)
     parts = _simulated(around, sensors, flight, bool(resolvers.each)) if fed is None else [fed]

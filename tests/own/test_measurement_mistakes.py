@@ -169,6 +169,23 @@ def test_what_is_doubtful_is_said(tmp_path):
         assert part in note, note
 
 
+def test_a_unit_that_cannot_be_is_said(tmp_path):
+    """Alpha and delta are 9434 m apart, 31.5 us: 7.4 ms are no microseconds, 31.4 us may be."""
+    path = tmp_path / "log.csv"
+    path.write_text(text("0,tdoa,alpha,delta,7.4,ms,", "1,tdoa,alpha,delta,31.4,us,"))
+    assert "tdoa_alpha_delta: 1 of 2 values are larger than the 31.47 us that light takes" in declared(path).note
+
+
+def test_a_bearing_is_one_from_the_north(tmp_path):
+    """An azimuth of a satellite's own axes is none."""
+    path = tmp_path / "log.csv"
+    path.write_text(text("0,bearing,a,,10,deg,"))
+    sets = ["frame=inertial", "platforms={a: !Kepler {}}", "sensors={sight: !Relative {}}", "target=null"]
+    sets += ["start=!Given {at: !Kepler {}}", "belief.motion=!Orbital {}", f"measurements.file={path}"]
+    with pytest.raises(UserError, match="kind: bearing is not known; there are azimuth, elevation"):
+        FOUND.model(FOUND.system.load(settings=sets))
+
+
 def test_files_cut_and_changed_anywhere(tmp_path):
     """At every tenth byte cut, and 200 times one to three bytes changed: either it is read, or it is one line."""
     path, whole = tmp_path / "log.csv", text(*GOOD).encode()

@@ -79,10 +79,11 @@ def matched(table: MeasurementTable, rows: Sequence[Row]) -> Matched:
 
 def _meaning(table: MeasurementTable, at: int, series: Series, rows: Sequence[Row]) -> _Meaning:
     kind = _ALIASES.get(series.kind, series.kind)
-    with_kind = [i for i, row in enumerate(rows) if row.kind == kind]
+    offered = dict.fromkeys([*(row.kind for row in rows), *_offered(rows)])
+    with_kind = [i for i, row in enumerate(rows) if row.kind == kind and (row.compass or series.kind != "bearing")]
     try:
-        if not with_kind:
-            choose("kind", series.kind, dict.fromkeys([*(row.kind for row in rows), *_offered(rows)]))
+        if not with_kind or series.kind not in offered:
+            choose("kind", series.kind, offered)
         i, sign = _found(series, rows, with_kind)
         row = rows[i]
         try:
@@ -97,7 +98,7 @@ def _meaning(table: MeasurementTable, at: int, series: Series, rows: Sequence[Ro
 
 
 def _offered(rows: Sequence[Row]) -> list[str]:
-    kinds = {row.kind for row in rows}
+    kinds = {row.kind for row in rows if row.compass or row.kind != "azimuth"}
     return [alias for alias, kind in _ALIASES.items() if kind in kinds]
 
 
@@ -141,7 +142,7 @@ def _check(table: MeasurementTable, rows: Sequence[Row], row: NDArray[np.int64],
 
 def _notes(table: MeasurementTable, rows: Sequence[Row], row: NDArray[np.int64]) -> list[str]:
     notes = []
-    if any(one.kind == "azimuth" for one in table.series) and any(one.kind == "azimuth" for one in rows):
+    if any(one.kind == "azimuth" for one in table.series) and any(one.compass for one in rows):
         notes.append("azimuth: taken as counter-clockwise from east (clockwise from north is kind bearing).")
     absent = [one.name for i, one in enumerate(rows) if not np.any(row == i)]
     if absent:

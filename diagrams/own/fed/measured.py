@@ -14,6 +14,7 @@ from scipy.linalg import block_diag
 from diagrams.assembly.recorded import Recorded
 from diagrams.own.classes import plants
 from diagrams.own.declaring.sensing import Measured
+from diagrams.own.fed.plausible import beyond_light
 from diagrams.own.fed.played import Played, played, table_of
 from diagrams.own.fed.report import measured_report
 from diagrams.own.fed.rows import rows_of
@@ -90,6 +91,7 @@ def measured(
     kinds: Sequence[Measured],
     places: Places,
     truth: Mapping[str, Path],
+    carriers: Path,
 ) -> Played:
     """Return what was measured in the place of the sensors.
 
@@ -101,14 +103,16 @@ def measured(
     _refuse_simulated(scenario, bool(truth))
     began = None if scenario.start_utc is None else setting.began()
     start = None if began is None else (posix_to_tai(began[0]), began[1])
-    found = played(table, table.seconds(start), rows_of(kinds, places), believed_noise(kinds), scenario.duration_s)
+    rows = rows_of(kinds, places)
+    found = played(table, table.seconds(start), rows, believed_noise(kinds), scenario.duration_s)
     resolved = [kind.where for kind in kinds if kind.resolved]
     if found.scaled and resolved:
         raise UserError(
             f"{table.path.name}: column sigma is not allowed with phases that are resolved ({resolved[0]}); sigma_deg"
         )
-    paths, notes = _paths(scenario, found, truth)
-    return replace(found, paths=paths, notes=[*found.notes, *notes, *_leaping(scenario, setting, found.end)])
+    paths, unknown = _paths(scenario, found, truth)
+    notes = [*beyond_light(found, rows, places.platforms, carriers), *unknown, *_leaping(scenario, setting, found.end)]
+    return replace(found, paths=paths, notes=[*found.notes, *notes])
 
 
 def _paths(scenario: OwnScenario, found: Played, truth: Mapping[str, Path]) -> tuple[list[Path], list[str]]:

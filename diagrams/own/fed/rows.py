@@ -31,6 +31,8 @@ class Row:
         SI.
     carrier : float
         What a received frequency is counted from [Hz]; 0 of other rows.
+    compass : bool
+        Whether it is an azimuth from east to north, which a table may have as a bearing.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Row:
     reference: str
     unit: str
     carrier: float = 0.0
+    compass: bool = False
 
 
 def rows_of(measured: Sequence[Measured], places: Places) -> list[Row]:
@@ -63,5 +66,5 @@ def _row(one: Measured, model: MeasurementModel, i: int, platforms: Sequence[str
     if isinstance(field, kinds.Bearing | kinds.Phase | kinds.Relative):
         platform = field.platform or platforms[0]
         own, _, link = name.partition(f"_{platform}")  # a shorter baseline has its number behind the platform
-        return Row(name, own + link, platform, "", unit)
+        return Row(name, own + link, platform, "", unit, compass=isinstance(field, kinds.Bearing) and own == "azimuth")
     return Row(name, name, "", "", unit)
