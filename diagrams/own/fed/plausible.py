@@ -52,7 +52,7 @@ def beyond_light(
         if beyond:
             of = int(np.isfinite(values).sum())
             notes.append(
-                f"{row.name}: {beyond} of {of} values are larger than the {1e6 * most:.4g} us that light takes between the "
-                "two; unit, or clocks?"
+                f"{row.name}: {beyond} of {of} values are larger than the {1e6 * most:.4g} us that light takes between "
+                "the two; unit, or clocks?"
             )
     return notes
