@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -119,8 +118,6 @@ def _cells(column: Any) -> list[Any]:
 
 
 def _parquet(columns: Mapping[str, Any], path: Path) -> list[Path]:
-    if find_spec("pyarrow") is None:  # an older environment: all of it is in the CSV file
-        return []
     import pyarrow as pa
     import pyarrow.parquet as pq
 
