@@ -24,12 +24,16 @@ CLOCK = Periodic(1.0)
 ALLOWED = (Recorder, Score)
 
 
+PLANTS = ("systems.plants", "systems.signal_chain.transmitter", "systems.playback.track_")
+SENSORS = ("systems.sensors", "systems.signal_chain")
+
+
 def is_truth(block):
-    return type(block).__module__.startswith("systems.plants")
+    return type(block).__module__.startswith(PLANTS)
 
 
 def may_read_truth(block):
-    return isinstance(block, ALLOWED) or type(block).__module__.startswith("systems.sensors")
+    return isinstance(block, ALLOWED) or (type(block).__module__.startswith(SENSORS) and not is_truth(block))
 
 
 def connections(diagram):
