@@ -71,6 +71,7 @@ def run_command(
 
             write_measurements(dataset, study.request.scenario, folder.work / "measurements.csv")
             write_truth(dataset, folder.work / "truth.csv")
+            _write_message(study.request.scenario, folder.work)
         folder.finish()
     _print_all(open_result(folder.final), estimators, report, study.recorded is not None)
     kinds = ("estimates", "measurements", "truth")
@@ -78,6 +79,20 @@ def run_command(
     others = f", {tables}" if tables else ""
     print(f"wrote {out}: results.zarr, summary.json, figures, diagram.svg{others} ({time.monotonic() - began:.1f} s)")
     return report
+
+
+def _write_message(scenario: Any, folder: Path) -> None:
+    """Write the measurements of a scenario with a date as a Tracking Data Message, if it has any of them."""
+    from diagrams.own.messages import write_message
+
+    if scenario.start_utc is None:
+        return
+    try:
+        notes = write_message(folder / "measurements.csv", scenario, folder / "measurements.tdm")
+    except UserError as error:  # what has been run is not lost for that
+        notes = [f"not written: {error}"]
+    for note in notes:
+        say(f"measurements.tdm: {note}")
 
 
 def _asked_for(

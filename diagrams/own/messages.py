@@ -1,0 +1,47 @@
+"""What was measured, as a Tracking Data Message."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+from diagrams.own.declaring.sensing import placed_sensors
+from diagrams.own.fed.rows import rows_of
+from diagrams.own.fields.schema import OwnScenario
+from diagrams.own.system import places_of
+from diagrams.paths.records import Setting
+from diagrams.readers.measurements import read_measurements
+from diagrams.schema.errors import UserError
+from diagrams.writers.tdm import tdm_text
+from diagrams.writers.tdm_table import message_of_table
+from systems.earth.time_scales import posix_to_tai
+
+__all__ = ["write_message"]
+
+
+def write_message(measurements: Path, scenario: OwnScenario, path: Path) -> list[str]:
+    """Write a table of measurements of a scenario with a date as a Tracking Data Message.
+
+    Times are to the nanosecond, values in the message's units, sigmas are not in it.
+
+    Returns
+    -------
+    list of str
+        What the message does not have.
+
+    Raises
+    ------
+    UserError
+        If the scenario has no date, or the message could say nothing.
+    """
+    began = Setting(scenario.duration_s, scenario.start_utc, measurements.parent).began()
+    if began is None:
+        raise UserError("start_utc: null is not allowed for a Tracking Data Message; such as 2026-03-01T12:00:00Z")
+    places = places_of(scenario)
+    rows = rows_of([kind for one in placed_sensors(scenario, places) for kind in one.kinds], places)
+    carriers = {row.receiver: row.carrier for row in rows if row.kind == "frequency"}
+    header = {"CREATION_DATE": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S"), "ORIGINATOR": "QUIETFIX"}
+    zero = posix_to_tai(began[0]), began[1]
+    message, notes = message_of_table(read_measurements(measurements), zero, header, carriers)
+    path.write_text(tdm_text(message), encoding="utf-8", newline="\n")
+    return notes
