@@ -7,7 +7,18 @@ from typing import Annotated
 
 import typer
 
-from diagrams.commands.arguments import DATA, ESTIMATOR, MEASUREMENTS, SCENARIO, SET, SYSTEM, TRUTH, number, whole
+from diagrams.commands.arguments import (
+    DATA,
+    ESTIMATOR,
+    MEASUREMENTS,
+    PLATFORMS,
+    SCENARIO,
+    SET,
+    SYSTEM,
+    TRUTH,
+    number,
+    whole,
+)
 from diagrams.commands.replay_help import ReplayHelp
 
 __all__ = ["app"]
@@ -141,6 +152,7 @@ def run(
     data: Annotated[list[Path] | None, DATA] = None,
     measurements: Annotated[Path | None, MEASUREMENTS] = None,
     truth: Annotated[Path | None, TRUTH] = None,
+    platforms: Annotated[Path | None, PLATFORMS] = None,
     write_measurements: Annotated[
         bool, typer.Option("--write-measurements", help="Write what was measured into DIR, for --measurements.")
     ] = False,
@@ -164,6 +176,7 @@ def run(
         "data": data,
         "measurements": measurements,
         "truth": truth,
+        "platforms": platforms,
         "write_measurements": write_measurements or None,
     }
     run_command(system, {k: v for k, v in asked.items() if v is not None}, from_, out, overwrite, trust)

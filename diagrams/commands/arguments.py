@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-__all__ = ["DATA", "ESTIMATOR", "MEASUREMENTS", "SCENARIO", "SET", "SYSTEM", "TRUTH", "number", "whole"]
+__all__ = ["DATA", "ESTIMATOR", "MEASUREMENTS", "PLATFORMS", "SCENARIO", "SET", "SYSTEM", "TRUTH", "number", "whole"]
 
 SYSTEM = typer.Argument(
     metavar="SYSTEM[:VARIANT]",
@@ -30,6 +30,11 @@ MEASUREMENTS = typer.Option(
     metavar="FILE",
     help="Of a system of your own in YAML: what its sensors measured. CSV or Parquet with columns time or time_s, "
     "kind, receiver, reference, value, unit and, as needed, target, sigma.",
+)
+PLATFORMS = typer.Option(
+    metavar="FILE",
+    help="Of a system of your own in YAML: more platforms, a table with columns name, latitude_deg, longitude_deg, "
+    "height_m (or x_m, y_m, z_m) and, of those that move, time or time_s.",
 )
 TRUTH = typer.Option(metavar="FILE", help="With measurements: where the target was, a CSV track; errors are told then.")
 

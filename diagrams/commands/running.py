@@ -19,7 +19,7 @@ from diagrams.console.terminal import say
 from diagrams.schema.errors import UserError
 from diagrams.statistics.epochs import along, from_the_end
 from diagrams.studies.output import OutputFolder, written_beside
-from diagrams.studies.recordings import only_simulated, with_data, with_measurements
+from diagrams.studies.recordings import only_simulated, with_data, with_measurements, with_platforms
 from diagrams.studies.rerun import ask_again
 from diagrams.studies.results import open_result, write_summary
 from diagrams.studies.starting import why_not_started
@@ -103,6 +103,7 @@ def _asked_for(
 
     options = dict(asked)
     fed = {key: options.pop(key, None) for key in ("measurements", "truth")}
+    platforms = options.pop("platforms", None)
     write = options.pop("write_measurements", False)
     found: Found | str | None = system
     if from_ is not None:
@@ -114,6 +115,9 @@ def _asked_for(
     if data := options.pop("data", None):
         found = find(found)
         options["set"] = with_data(found, options.get("set"), data)
+    if platforms:
+        found = find(found)
+        options["set"] = with_platforms(found, options.get("set"), platforms)
     if fed["measurements"] or fed["truth"]:
         found = find(found)
         options["set"] = with_measurements(found, options.get("set"), **fed)

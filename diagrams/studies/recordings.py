@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import typing
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from diagrams.assembly.find import RECORDINGS, Found, find
+from diagrams.readers.platforms import read_platforms
+from diagrams.readers.rows import broken
 from diagrams.schema.errors import UserError, choose
 from diagrams.schema.scenario import dump
 
-__all__ = ["find_recording", "only_simulated", "recording_settings", "with_data", "with_measurements"]
+__all__ = ["find_recording", "only_simulated", "recording_settings", "with_data", "with_measurements", "with_platforms"]
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 _WHY = {
     "gdop": "its target is where it was, and a map needs one that can be put anywhere",
@@ -96,6 +101,24 @@ def with_measurements(
             raise UserError(f"{option}: {file} is not allowed for {found.title}; for a system of one's own in YAML")
         chosen.insert(0, f"{key}={json.dumps(str(file.absolute()))}")
     return chosen
+
+
+def with_platforms(found: Found, settings: Sequence[str] | None, table: Path) -> list[str]:
+    """Return ``KEY=VALUE`` settings with the platforms of a table, of a system of a user's own.
+
+    Raises
+    ------
+    UserError
+        If it is another system, and as `diagrams.readers.platforms.read_platforms`.
+    """
+    if found.source != "yaml":
+        raise UserError(f"--platforms: {table} is not allowed for {found.title}; for a system of one's own in YAML")
+    chosen = []
+    for name, rows in read_platforms(table).platforms.items():
+        if not _NAME.fullmatch(name):
+            raise broken(table, rows.line, f"name: {name[:60]!r} is not allowed; letters, digits and _, a letter first")
+        chosen.append(f"platforms.{name}=!Platform {{file: {json.dumps(str(table.absolute()))}, name: {name!r}}}")
+    return [*chosen, *(settings or ())]
 
 
 def recording_settings(name: str) -> str:

@@ -79,13 +79,18 @@ def _path(mover, folder):
 def tdm(rng, folder):
     from diagrams.readers.ccsds.tdm import read_tdm
     from diagrams.readers.ccsds.tdm_observations import observations
+    from diagrams.readers.ccsds.tdm_table import tdm_measurements
     from diagrams.writers.tdm import tdm_text
+    from diagrams.writers.tdm_table import message_of_table
 
-    file = _file(rng.choice(list(tdm_examples.ALL.values())), "a.tdm", rng, folder)
+    text = rng.choice(list(tdm_examples.ALL.values())).replace("PATH = 1,2,1", "PATH = 2,1").replace("1,2,3,2,1", "2,1")
+    file = _file(text, "a.tdm", rng, folder)
     message = read_tdm(file)
     file.write_text(tdm_text(message))
     assert read_tdm(file) == message
     observations(message)
+    table = tdm_measurements(file)
+    message_of_table(table, None, message.header)
 
 
 def oem(rng, folder):

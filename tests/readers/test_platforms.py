@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from diagrams import run_study
+from diagrams.assembly.find import find
 from diagrams.paths.functions import path_of
 from diagrams.paths.movers import Geodetic, Platform, Track
 from diagrams.paths.records import Setting
@@ -12,6 +14,7 @@ from diagrams.paths.tables import doubtful_table, platforms_of
 from diagrams.quantities.frame import EARTH_FIXED, INERTIAL, LOCAL
 from diagrams.readers.platforms import read_platforms
 from diagrams.schema.errors import UserError
+from diagrams.studies.recordings import with_platforms
 from systems.earth.time_scales import to_tai
 from systems.trajectories.gravity import GravityConstants
 from tests.readers.spoiling import refused_or_read, said
@@ -159,3 +162,32 @@ def test_what_cannot_be_used_is_refused(folder, field, frame, said_):
 def test_the_file_is_beside_the_scenario(folder):
     movers = platforms_of(Path(folder) / "m.csv")
     assert list(movers) == ["mast", "ship"] and movers["ship"].name == "ship"
+
+
+SYSTEM = """frame: local
+duration_s: 3
+platforms:
+  d: !Fixed {east_km: 0.5, north_km: 0.5}
+target: !Straight {position_km: [0, 1, 0.2], velocity_mps: [10, 0, 0]}
+sensors: {ranges: !Range {sigma_m: 1, every_s: 1}}
+start: !Prior {sigma_position_m: 30, sigma_velocity_mps: 3}
+estimators: {ekf: !Ekf {}}
+"""
+
+
+def test_platforms_by_the_command_line(tmp_path):
+    (tmp_path / "m.yaml").write_text(SYSTEM)
+    (tmp_path / "p.csv").write_text("name,time_s,x_m,y_m,z_m\na,,0,0,30\ny,,900,0,10\nship,0,0,5,0\nship,9,90,5,0\n")
+    found = find(str(tmp_path / "m.yaml"))
+    settings = with_platforms(found, ["duration_s=2"], tmp_path / "p.csv")
+    scenario = found.system.load(settings=settings)
+    assert list(scenario.platforms) == ["d", "a", "y", "ship"] and scenario.duration_s == 2
+    result = run_study(str(tmp_path / "m.yaml"), trials=2, set=settings)
+    assert result["platform"].values.tolist() == ["d", "a", "y", "ship"]
+    (tmp_path / "p.csv").write_text("name,x_m,y_m,z_m\na.b,0,0,30\n")
+    with pytest.raises(
+        UserError, match=r"p\.csv:2: name: 'a\.b' is not allowed; letters, digits and _, a letter first"
+    ):
+        with_platforms(found, [], tmp_path / "p.csv")
+    with pytest.raises(UserError, match=r"--platforms: .*p\.csv is not allowed for .*; for a system of one's own"):
+        with_platforms(find("three_satellite"), [], tmp_path / "p.csv")
