@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Clock", "Merged", "Periodic", "Stepped", "Times", "at_ticks", "same_instant"]
+__all__ = ["Clock", "Driven", "Merged", "Periodic", "Stepped", "Times", "at_ticks", "same_instant"]
 
 _NEVER_AGAIN = 1e12  # seconds; the period of an event that is meant to fire once
 _ROUNDING = 1e-12  # relative; thousands of rounding errors, and less than light needs for 0.3 mm at 1 s
@@ -135,6 +135,35 @@ class Stepped(Times):
     """
 
 
+class Driven:
+    """Ticks that nobody knows before they come: whoever runs the diagram says them, and advances to them.
+
+    Parameters
+    ----------
+    usual : Clock
+        What `ticks` tells of the time to come, for what looks around before a run.
+    """
+
+    def __init__(self, usual: Clock) -> None:
+        self._usual = usual
+        self._said: tuple[tuple[float, int], ...] = ()
+
+    def say(self, *ticks: tuple[float, int]) -> None:
+        """Let ticks be at these times [s] with these numbers, and no others."""
+        self._said = ticks
+
+    def declare(self, how: Callable[[float, float], None]) -> None:
+        """See `Clock.declare`: there are no events, see `at_ticks`."""
+
+    def index(self, time: float) -> int | None:
+        """See `Clock.index`."""
+        return next((number for tick, number in self._said if same_instant(time, tick)), None)
+
+    def ticks(self, end: float) -> NDArray[np.float64]:
+        """See `Clock.ticks`; as they usually are."""
+        return self._usual.ticks(end)
+
+
 def at_ticks(clock: Clock, timed: Callable[[float, float], None], stepped: Callable[[], None]) -> None:
     """Declare what a block does at the ticks of a clock.
 
@@ -144,9 +173,9 @@ def at_ticks(clock: Clock, timed: Callable[[float, float], None], stepped: Calla
     timed : callable
         ``timed(period, offset)`` declares an event of Drake's.
     stepped : callable
-        Declares what is done at every step, if that is at a tick: of a `Stepped` clock.
+        Declares what is done at every step, if that is at a tick: of a `Stepped` or `Driven` clock.
     """
-    if isinstance(clock, Stepped):
+    if isinstance(clock, Stepped | Driven):
         stepped()
     else:
         clock.declare(timed)

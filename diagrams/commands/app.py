@@ -183,6 +183,44 @@ def run(
 
 
 @app.command()
+def live(
+    system: Annotated[str, SYSTEM],
+    stdin: Annotated[
+        str | None, typer.Argument(metavar="[-]", help="Standard input; the default.", show_default=False)
+    ] = None,
+    udp: Annotated[
+        str | None, typer.Option("--udp", metavar="HOST:PORT", help="Lines in datagrams to this address.")
+    ] = None,
+    follow: Annotated[
+        Path | None, typer.Option("--follow", metavar="FILE", help="Lines of a file, and those that are added.")
+    ] = None,
+    state: Annotated[
+        Path | None, typer.Option("--state", metavar="FILE", help="Go on from here, and keep here what is known.")
+    ] = None,
+    lag: Annotated[
+        float, typer.Option("--lag", parser=number, metavar="S", help="Rows may come so late; estimates are revised.")
+    ] = 0.0,
+    wait: Annotated[
+        float, typer.Option("--wait", parser=number, metavar="S", help="An instant's rows wait so long for others.")
+    ] = 0.5,
+    jump: Annotated[
+        float,
+        typer.Option("--jump", parser=number, metavar="S", help="A row further ahead than this waits for another one."),
+    ] = 3600.0,
+    estimators: Annotated[list[str] | None, ESTIMATOR] = None,
+    settings: Annotated[list[str] | None, SET] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
+) -> None:
+    """Run estimators on measurements as they come: lines of JSON in, estimates as lines of JSON out.
+
+    Lines have the columns of --measurements of `quietfix run`. What is wrong in them is left out, counted and told.
+    """
+    from diagrams.live.command import Asked, live_command
+
+    live_command(system, Asked(stdin, udp, follow, state, wait, lag, jump), estimators, settings, scenario)
+
+
+@app.command()
 def draw(
     system: Annotated[str, SYSTEM],
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="SVG or PNG.  [default: SYSTEM.svg]")] = None,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from diagrams.assembly.bus import Bus
 from diagrams.assembly.model import Assumed, Model, Part
+from diagrams.assembly.recorded import Recorded
 from diagrams.assembly.source import look_in
 from diagrams.assembly.system import System
 from diagrams.own.classes import plants
@@ -21,7 +22,9 @@ from diagrams.own.declaring.impairing import Together, impaired
 from diagrams.own.declaring.resolving import open_cycles, phase_resolvers
 from diagrams.own.declaring.sensing import NAME, PlacedSensor, differentiated, placed_sensors, used_rows
 from diagrams.own.declaring.target import Target, target_motion, true_motion, with_bias
+from diagrams.own.fed.handed import Handed, handed
 from diagrams.own.fed.measured import measured, recorded_of, setting_of, table_of_scenario, true_paths
+from diagrams.own.fed.played import Played
 from diagrams.own.fields.schema import OwnScenario
 from diagrams.own.fields.view import view_of
 from diagrams.parts.formation import gravity_constants
@@ -92,14 +95,22 @@ def places_of(scenario: OwnScenario) -> Places:
     return Places(numbers, scenario.axes, constants, None if scenario.oscillator is None else _OSCILLATOR)
 
 
-def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
+def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = False, scaled: bool = False) -> Model:
     """Return platforms, target, sensors and what the estimators are given; see `diagrams.assembly`.
 
-    Paths in the scenario are relative to the folder.
+    Parameters
+    ----------
+    scenario : OwnScenario
+    folder : Path
+        What paths in the scenario are relative to.
+    live : bool
+        Whether measurements are handed over one by one: a part of the model is `diagrams.own.fed.handed.Handed`.
+    scaled : bool
+        Whether the noise of rows is handed over with them.
     """
     if not scenario.platforms:
         raise UserError("platforms: none is given; at least one is needed")
-    table = table_of_scenario(scenario, folder)
+    table = None if live else table_of_scenario(scenario, folder)
     constants, frame = gravity_constants(scenario.constants), scenario.axes
     setting = setting_of(scenario, folder, table)
     paths = paths_of({f"platforms.{name}": one for name, one in scenario.platforms.items()}, frame, setting, constants)
@@ -117,7 +128,12 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         flight.check(np.stack([np.zeros(6) if path is None else path(0.0)] * 2), scenario.period_s)
     kinds = [kind for one in sensors for kind in one.kinds]
     resolvers = phase_resolvers(scenario, kinds, motion.size)
-    fed = None if table is None else measured(scenario, setting, table, kinds, places_of(scenario), truth, carriers)
+    fed: Played | Handed | None = None
+    if live:
+        fed = handed(scenario, kinds, places_of(scenario), truth, _clock(sensors))
+        fed = fed.with_scales() if scaled else fed
+    elif table is not None:
+        fed = measured(scenario, setting, table, kinds, places_of(scenario), truth, carriers)
     clock = _clock(sensors) if fed is None else fed.clock
     around = Surroundings(scenario, kinds, clock, motion.size, path, carriers, setting)
     parts = _simulated(around, sensors, flight, bool(resolvers.each)) if fed is None else [fed]
@@ -135,7 +151,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
     notes = [differentiated(sensors, flight), _open(around, start), _doubtful(scenario, setting)]
     return Model(
         clock=clock,
-        duration=scenario.duration_s if fed is None else fed.end,
+        duration=fed.end if isinstance(fed, Played) else scenario.duration_s,
         divergence=scenario.divergence_m,
         parts=[platforms, *parts[:1], *own["sensors"], *parts[1:], *needed, *own["estimators"]],
         assume=assume,
@@ -146,10 +162,17 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath()) -> Model:
         signals={**resolvers.signals, **{k: v for field in scenario.parts for k, v in field.signals.items()}},
         rows=resolvers.rows,
         step=scenario.target.step_s if isinstance(scenario.target, plants.Custom) else LONGEST_STEP,
-        recorded=None if fed is None else recorded_of(fed, bool(truth), setting.began()),
+        recorded=_recorded(fed, bool(truth), setting),
         view=view_of(scenario.map, frame, setting, constants),
         note=" ".join(note for note in (*notes, *(fed.notes if fed else ())) if note),
     )
+
+
+def _recorded(fed: Played | Handed | None, known: bool, setting: Setting) -> Recorded | None:
+    """Return what makes it a recording; None: it is simulated."""
+    if isinstance(fed, Played):
+        return recorded_of(fed, known, setting.began())
+    return None if fed is None else fed.recorded
 
 
 def _clock(sensors: Sequence[PlacedSensor]) -> Clock:

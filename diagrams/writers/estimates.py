@@ -17,7 +17,7 @@ from diagrams.readers.stamps import write_stamps
 from diagrams.statistics.epochs import along
 from systems.earth.geodetic import ecef_to_geodetic, enu_rotation
 
-__all__ = ["Columns", "estimate_columns", "write_estimates"]
+__all__ = ["Columns", "estimate_columns", "state_columns", "write_estimates"]
 
 Array = NDArray[np.float64]
 Columns = dict[str, Any]
@@ -58,7 +58,8 @@ def estimate_columns(dataset: xr.Dataset, began: tuple[int, float] | None = None
         "time_s": seconds,
     }
     covariance = dataset["covariance"].transpose("estimator", "trial", axis, "state", "state_").values[there]
-    columns |= _states(estimate[there], covariance, names, dataset)
+    units = [str(unit) for unit in dataset["state_units"].values]
+    columns |= state_columns(estimate[there], covariance, names, units, frame_of(dataset).geodetic)
     for port in ("nis", "nis_dof"):
         columns[port] = dataset[port].transpose("estimator", "trial", axis).values[there]
     if "innovation" in dataset:
@@ -68,14 +69,26 @@ def estimate_columns(dataset: xr.Dataset, began: tuple[int, float] | None = None
     return columns
 
 
-def _states(estimate: Array, covariance: Array, names: Sequence[str], dataset: xr.Dataset) -> Columns:
-    """Return columns of states (rows, n) and covariances (rows, n, n)."""
-    units = dict(zip(names, (str(unit) for unit in dataset["state_units"].values), strict=True))
+def state_columns(
+    estimate: Array, covariance: Array, names: Sequence[str], units: Sequence[str], geodetic: bool
+) -> Columns:
+    """Return columns of states (rows, n) and covariances (rows, n, n), as `estimate_columns` has them.
+
+    Parameters
+    ----------
+    estimate, covariance : ndarray
+        SI units.
+    names, units : sequence of str
+        Of the components of the states.
+    geodetic : bool
+        Whether the axes are fixed to the Earth: with places by latitude, longitude and height.
+    """
+    suffixes = dict(zip(names, units, strict=True))
     place = [names.index(name) for name in POSITION if name in names]
     moving = [names.index(name) for name in VELOCITY if name in names]
     labels, values, columns = list(names), estimate.copy(), {}
-    shown = [f"{name}_{_suffix(units[name])}" for name in names]
-    if frame_of(dataset).geodetic and len(place) == 3:
+    shown = [f"{name}_{_suffix(suffixes[name])}" for name in names]
+    if geodetic and len(place) == 3:
         latitude, longitude, height = ecef_to_geodetic(estimate[:, place])
         columns = {"latitude_deg": np.degrees(latitude), "longitude_deg": np.degrees(longitude), "height_m": height}
         rotation = enu_rotation(np.nan_to_num(latitude), np.nan_to_num(longitude))

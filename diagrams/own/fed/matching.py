@@ -14,7 +14,7 @@ from diagrams.readers.units import factor_of
 from diagrams.schema.errors import UserError, choose
 from systems.angles.bearing import from_compass
 
-__all__ = ["Matched", "matched"]
+__all__ = ["Matched", "Meaning", "beyond", "matched", "meaning_of"]
 
 Array = NDArray[np.float64]
 
@@ -46,13 +46,20 @@ class Matched:
 
 
 @dataclass(frozen=True)
-class _Meaning:
+class Meaning:
     """How a series becomes a row: its number, and value times factor plus offset."""
 
     row: int
     factor: float
     offset: float = 0.0
     compass: bool = False
+
+    def value(self, value: float) -> float:
+        """Return what a value is in SI units, to the bit as `matched` has it."""
+        found = value * self.factor
+        if self.compass:
+            found = float(from_compass(np.degrees(np.array([found])))[0])
+        return found + self.offset if self.offset else found
 
 
 def matched(table: MeasurementTable, rows: Sequence[Row]) -> Matched:
@@ -77,24 +84,35 @@ def matched(table: MeasurementTable, rows: Sequence[Row]) -> Matched:
     return Matched(row, value, sigma, _notes(table, rows, row))
 
 
-def _meaning(table: MeasurementTable, at: int, series: Series, rows: Sequence[Row]) -> _Meaning:
+def _meaning(table: MeasurementTable, at: int, series: Series, rows: Sequence[Row]) -> Meaning:
+    try:
+        return meaning_of(series, rows)
+    except UserError as error:
+        raise table.wrong(at, str(error)) from error
+
+
+def meaning_of(series: Series, rows: Sequence[Row]) -> Meaning:
+    """Return which row a series is, and how its values become those of the row.
+
+    Raises
+    ------
+    UserError
+        For a kind, receiver or reference that no sensor has, and a unit of something else.
+    """
     kind = _ALIASES.get(series.kind, series.kind)
     offered = dict.fromkeys([*(row.kind for row in rows), *_offered(rows)])
     with_kind = [i for i, row in enumerate(rows) if row.kind == kind and (row.compass or series.kind != "bearing")]
+    if not with_kind or series.kind not in offered:
+        choose("kind", series.kind, offered)
+    i, sign = _found(series, rows, with_kind)
+    row = rows[i]
     try:
-        if not with_kind or series.kind not in offered:
-            choose("kind", series.kind, offered)
-        i, sign = _found(series, rows, with_kind)
-        row = rows[i]
-        try:
-            power = series.unit == "dBW" and row.unit == "dBm"
-            factor = 1.0 if power else factor_of(series.unit, row.unit)
-        except ValueError as error:
-            raise UserError(f"unit: {error} for {row.name}") from error
-    except UserError as error:
-        raise table.wrong(at, str(error)) from error
+        power = series.unit == "dBW" and row.unit == "dBm"
+        factor = 1.0 if power else factor_of(series.unit, row.unit)
+    except ValueError as error:
+        raise UserError(f"unit: {error} for {row.name}") from error
     offset = _DBW if power else -row.carrier if series.kind == "received_frequency" else 0.0
-    return _Meaning(i, sign * factor, offset, series.kind == "bearing")
+    return Meaning(i, sign * factor, offset, series.kind == "bearing")
 
 
 def _offered(rows: Sequence[Row]) -> list[str]:
@@ -126,18 +144,31 @@ def _found(series: Series, rows: Sequence[Row], of_kind: Sequence[int]) -> tuple
 def _check(table: MeasurementTable, rows: Sequence[Row], row: NDArray[np.int64], value: Array) -> None:
     """Refuse what cannot be: mostly a unit that is another one than the table says."""
     for i, one in enumerate(rows):
-        turn = one.kind in ("azimuth", "elevation")
-        most = (_TURN if one.kind == "azimuth" else np.pi / 2) if turn else 0.5 * one.carrier
+        most = _most(one)
         if not most:
             continue
         for k in np.flatnonzero((row == i) & (np.abs(value) > most))[:1]:
-            unit = table.series[table.which[k]].unit
-            words = (
-                f"at most {'a turn' if one.kind == 'azimuth' else 'a right angle'} either way"
-                if turn
-                else f"counted from the carrier of {one.carrier:g} Hz, a whole one is kind received_frequency"
-            )
-            raise table.wrong(int(k), f"value: {table.value[k]:g} {unit} is not allowed for {one.name}; {words}")
+            raise table.wrong(int(k), beyond(one, float(value[k]), float(table.value[k]), table.series[table.which[k]]))
+
+
+def _most(row: Row) -> float:
+    """Return the largest value of a row that can be; 0: there is no limit."""
+    if row.kind == "azimuth":
+        return _TURN
+    return np.pi / 2 if row.kind == "elevation" else 0.5 * row.carrier
+
+
+def beyond(row: Row, value: float, written: float, series: Series) -> str:
+    """Return what is wrong with a value (SI units) that cannot be, as it is written; empty where it can."""
+    most = _most(row)
+    if not most or not abs(value) > most:
+        return ""
+    words = (
+        f"at most {'a turn' if row.kind == 'azimuth' else 'a right angle'} either way"
+        if row.kind in ("azimuth", "elevation")
+        else f"counted from the carrier of {row.carrier:g} Hz, a whole one is kind received_frequency"
+    )
+    return f"value: {written:g} {series.unit} is not allowed for {row.name}; {words}"
 
 
 def _notes(table: MeasurementTable, rows: Sequence[Row], row: NDArray[np.int64]) -> list[str]:

@@ -34,6 +34,7 @@ __all__ = [
     "believed_noise",
     "measured",
     "recorded_of",
+    "refuse_simulated",
     "setting_of",
     "table_of_scenario",
     "true_paths",
@@ -100,7 +101,7 @@ def measured(
     UserError
         With file and line, or the field of the scenario that means nothing with measurements.
     """
-    _refuse_simulated(scenario, bool(truth))
+    refuse_simulated(scenario, bool(truth))
     began = None if scenario.start_utc is None else setting.began()
     start = None if began is None else (posix_to_tai(began[0]), began[1])
     rows = rows_of(kinds, places)
@@ -142,7 +143,7 @@ def believed_noise(kinds: Sequence[Measured]) -> Array:
     return np.array(block_diag(*(model.noise_covariance() for model in models)))
 
 
-def _refuse_simulated(scenario: OwnScenario, known: bool) -> None:
+def refuse_simulated(scenario: OwnScenario, known: bool) -> None:
     """Refuse what is drawn about a truth that nobody knows, or is an error of a simulation.
 
     Raises
