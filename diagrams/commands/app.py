@@ -20,6 +20,7 @@ from diagrams.commands.arguments import (
     whole,
 )
 from diagrams.commands.replay_help import ReplayHelp
+from diagrams.identification.options import identify
 
 __all__ = ["app"]
 
@@ -387,3 +388,6 @@ def verify(
     from diagrams.commands.verifying import verify_command
 
     raise typer.Exit(verify_command(file, trials, seed, out, overwrite))
+
+
+app.command()(identify)

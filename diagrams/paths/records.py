@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path as FilePath
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from diagrams.parts.formation import ReferenceOrbit
 from diagrams.paths.movers import Sp3, Tle, Track
 from diagrams.quantities.frame import EARTH_FIXED, Frame
+from diagrams.readers.doppler.elements import UNIX_EPOCH, checked_satellite
 from diagrams.readers.doptrack_data import teme_to_earth_fixed
 from diagrams.readers.instants import instant
 from diagrams.schema.errors import UserError, shown
@@ -43,13 +44,6 @@ Array = NDArray[np.float64]
 Path = Callable[[float], Array]
 
 _DAY = 86400.0
-_UNIX = 2440587.5  # Julian date of 1970, the zero of `instant`
-_LENGTH = 69
-_ANGLE, _SMALL = r"[ \d]{2}\d\.\d{4}", r"[ +-]\d{5}[ +-]\d"
-_FORMATS = (  # what SGP4's own reader makes of anything else may be NaN
-    rf"1 [ \dA-Z][ \d]{{4}}. .{{8}} [ \d]\d[ \d]{{2}}\d\.\d{{8}} [ +-]\.\d{{8}} {_SMALL} {_SMALL} [ \d] [ \d]{{4}}\d",
-    rf"2 [ \dA-Z][ \d]{{4}} {_ANGLE} {_ANGLE} \d{{7}} {_ANGLE} {_ANGLE} [ \d]\d\.\d{{8}}[ \d]{{5}}\d",
-)
 _NOTED, _OLDEST = 3.0, 30.0  # days between the epoch of elements and the start: SGP4 is off by 1 to 3 km per day
 _PLACES = (("x_m", "y_m", "z_m"), ("latitude_deg", "longitude_deg", "height_m"))
 _VELOCITY = ("vx_mps", "vy_mps", "vz_mps")
@@ -96,7 +90,7 @@ def _age(elements: Tle, setting: Setting, where: str) -> float:
     if began is None:
         raise UserError(f"start_utc: null is not allowed with !Tle ({where}); such as 2026-03-01T12:00:00Z")
     satellite = _satellite(elements, where)
-    epoch = (satellite.jdsatepoch - _UNIX) * _DAY + satellite.jdsatepochF * _DAY
+    epoch = (satellite.jdsatepoch - UNIX_EPOCH) * _DAY + satellite.jdsatepochF * _DAY
     return (began[0] + began[1] - epoch) / _DAY
 
 
@@ -108,31 +102,8 @@ def old_elements(elements: Tle, setting: Setting, where: str) -> str:
     return f"{where}: epoch {abs(age):.1f} days {'before' if age > 0 else 'after'} start_utc (SGP4: km per day)."
 
 
-def _satellite(elements: Tle, where: str):  # type: ignore[no-untyped-def]
-    from sgp4.api import Satrec
-
-    lines = elements.line_1.rstrip(), elements.line_2.rstrip()
-    for i, line in enumerate(lines, 1):
-        field = f"{where}.line_{i}"
-        if len(line) != _LENGTH:
-            raise UserError(f"{field}: {len(line)} characters are not allowed; {_LENGTH}")
-        if not line.isascii() or line[:2] != f"{i} ":
-            raise UserError(f"{field}: {line[:10]!r}... is not allowed; it begins with '{i} '")
-        sum_ = sum(int(c) if c.isdecimal() else c == "-" for c in line[:-1]) % 10
-        if line[-1] != str(sum_):
-            raise UserError(f"{field}: checksum {line[-1]} is not allowed; that of the line is {sum_}")
-        if not re.fullmatch(_FORMATS[i - 1], line):
-            raise UserError(f"{field}: {line!r} is not allowed; numbers in the columns of two-line elements")
-    if lines[0][2:7] != lines[1][2:7]:
-        first, second = (line[2:7].strip() for line in lines)
-        raise UserError(f"{where}.line_2: catalogue number {second} is not allowed; line_1 has {first}")
-    try:
-        satellite = Satrec.twoline2rv(*lines)
-    except ValueError as error:
-        raise UserError(f"{where}: the lines cannot be read ({' '.join(str(error).split())})") from error
-    if satellite.error:
-        raise UserError(f"{where}: SGP4 refuses these elements (error {satellite.error})")
-    return satellite
+def _satellite(elements: Tle, where: str) -> Any:
+    return checked_satellite(elements.line_1, elements.line_2, (f"{where}.line_1", f"{where}.line_2"))
 
 
 def tle_path(elements: Tle, setting: Setting, where: str) -> Path:
@@ -156,7 +127,7 @@ def tle_path(elements: Tle, setting: Setting, where: str) -> Path:
             f"at most {_OLDEST:g}"
         )
     day, second = divmod(began[0], int(_DAY))
-    whole, part = _UNIX + day, (second + began[1]) / _DAY
+    whole, part = UNIX_EPOCH + day, (second + began[1]) / _DAY
 
     def at(t: float) -> Array:
         code, position, velocity = satellite.sgp4(whole, part + t / _DAY)

@@ -1,0 +1,1 @@
+"""Which satellite was heard: received frequencies against the two-line elements of many."""

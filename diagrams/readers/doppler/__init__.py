@@ -1,0 +1,1 @@
+"""Files about one satellite that is heard: two-line elements, received frequencies, where the station is."""
