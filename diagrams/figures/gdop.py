@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from diagrams.figures.labels import name_places
 from diagrams.figures.style import new_figure, save
+from diagrams.figures.ticks import plain_ticks
 
 __all__ = ["draw_gdop"]
 
@@ -90,6 +91,7 @@ def _draw(dataset: xr.Dataset, index: int, quantity: str) -> Figure:
         xlim=(horizontal[0], horizontal[-1]),
         ylim=(vertical[0], vertical[-1]),
     )
+    plain_ticks(axes)
     lines = [
         f"Bound of the {_TITLES[quantity]} after {attributes['duration_s']:g} s: {dataset['set'].values[index]}"
         + _everywhere(values, levels, unit),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from diagrams.figures.labels import name_places
 from diagrams.figures.style import grid, legend_outside, looks, new_figure, title
+from diagrams.figures.ticks import plain_ticks
 from diagrams.quantities.frame import Ground, frame_of
 from diagrams.quantities.states import POSITION
 
@@ -99,6 +100,7 @@ def _draw_tracks(axes: Any, dataset: xr.Dataset, ground: Ground) -> dict[str, Ar
     axes.set_aspect(ground.stretch(target[0, 0]), adjustable="datalim")
     axes.set(xlabel=ground.labels[0], ylabel=ground.labels[1], title="tracks along the ground, from the dot on")
     axes.margins(0.15)
+    plain_ticks(axes)
     # below the axes, where it hides no track and no name
     axes.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
     grid(axes)
@@ -134,7 +136,8 @@ def _draw_last_errors(axes: Any, dataset: xr.Dataset, ground: Ground) -> None:
     axes.axhline(0, color="0.6", linewidth=0.8)
     axes.axvline(0, color="0.6", linewidth=0.8)
     axes.plot(0, 0, "+", color=_TARGET, markersize=14, markeredgewidth=2, zorder=4)
-    axes.set_aspect("equal", adjustable="datalim")
+    # limits that are set stay: a smaller box then, for matplotlib would overrule them
+    axes.set_aspect("equal", adjustable="box" if beyond else "datalim")
     axes.set(
         xlabel=f"{ground.offset_labels[0]} [{unit}]",
         ylabel=f"{ground.offset_labels[1]} [{unit}]",

@@ -157,6 +157,37 @@ def test_tracks_across_the_date_line_stay_together():
     assert np.ptp(longitudes) < 10
     ends = [line.get_xydata()[-1] for line in axes.lines]
     assert min(np.abs(np.subtract(end, axes.texts[0].xy)).max() for end in ends) < 1e-9
+    left = axes.get_xlim()[0]
+    assert left < -180  # the axis runs on, its numbers do not
+    axes.figure.draw_without_rendering()
+    shown = [float(text.get_text().replace("\N{MINUS SIGN}", "-")) for text in axes.get_xticklabels()]
+    assert 3 <= len(shown) <= 8 and -180 < min(shown) < 0 < max(shown) <= 180
+
+
+def test_a_room_is_told_in_metres():
+    data = full_result()
+    data.attrs["frame"] = "local"
+    corner = np.zeros((2, data.sizes["time"], 6)) + np.array([[[0.0, 0, 3, 0, 0, 0]], [[40.0, 30, 3, 0, 0, 0]]])
+    truth = np.linspace([5.0, 4, 1, 0, 0, 0], [30.0, 25, 1, 0, 0, 0], data.sizes["time"])
+    data = data.assign(
+        truth=(("time", "state"), truth),
+        platforms=(("platform", "time", "coordinate"), corner[: data.sizes.get("platform", 1)]),
+    )
+    axes = draw_ground(data).axes[0]
+    assert axes.get_xlabel() == "east [m]" and axes.get_ylabel() == "north [m]"
+    format_x = axes.xaxis.get_major_formatter()
+    assert format_x(0.03, 0) == "30" and format_x(-0.005, 0) == "\N{MINUS SIGN}5"
+
+
+def test_errors_beyond_the_edge_leave_the_log_alone(caplog):
+    """matplotlib says so where it overrules limits that were set, and a user reads it above the table."""
+    data = full_result()
+    data["estimate"][0, 0, -1, :3] += 1e7
+    figure = draw_ground(data)
+    assert "beyond the edge" in figure.axes[1].get_title()
+    figure.draw_without_rendering()
+    assert caplog.text == ""
+    assert figure.axes[1].get_xlim() == figure.axes[1].get_ylim()
 
 
 def test_small_errors_are_drawn_in_metres():
