@@ -94,11 +94,7 @@ def test_waypoints_on_one_great_circle_are_a_great_circle():
             "earth_fixed",
             "target: waypoints: at 1 the course is reversed",
         ),
-        (
-            ROCKET,
-            "local",
-            "target: !Rocket is not allowed in frame local; !Fixed, !Straight, !Waypoints, !Platform, !Track",
-        ),
+        (ROCKET, "local", "target: !Rocket is not allowed in frame local; !Fixed, !Straight, !Waypoints, !Platform"),
     ],
 )
 def test_bad_waypoints_are_refused_in_one_line(mover, frame, said):
