@@ -208,6 +208,7 @@ def live(
         float,
         typer.Option("--jump", parser=number, metavar="S", help="A row further ahead than this waits for another one."),
     ] = 3600.0,
+    platforms: Annotated[Path | None, PLATFORMS] = None,
     estimators: Annotated[list[str] | None, ESTIMATOR] = None,
     settings: Annotated[list[str] | None, SET] = None,
     scenario: Annotated[Path | None, SCENARIO] = None,
@@ -218,7 +219,8 @@ def live(
     """
     from diagrams.live.command import Asked, live_command
 
-    live_command(system, Asked(stdin, udp, follow, state, wait, lag, jump), estimators, settings, scenario)
+    asked = Asked(stdin, udp, follow, state, wait, lag, jump)
+    live_command(system, asked, estimators, settings, scenario, platforms)
 
 
 @app.command()

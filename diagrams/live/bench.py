@@ -101,7 +101,7 @@ class Bench:
         self.block, self.estimators = block, wired.estimators
         self.diagram = wired.finish("live")
 
-    def path(self, target: str) -> bool:
+    def knows(self, target: str) -> bool:
         """Return whether anybody knows where a target is at the start."""
         path = self.handed.paths.get(target, self.handed.paths.get(""))
         return path is not None and bool(np.isfinite(path(0.0)).all())
@@ -169,7 +169,8 @@ class Runner:
     def _hand(self, time: float, value: Array, scale: Array) -> None:
         self._handed = value, scale
         self._bench.handed.clock.say(*self._before)
-        state = _UNKNOWN if self._path is None else self._path(time)
+        path = self._path
+        state = _UNKNOWN if path is None or time > self._bench.handed.known else path(time)
         self._bench.block.hand(self._mine, value, scale, state)
 
     def moment(self) -> Moment | None:

@@ -21,6 +21,7 @@ from diagrams.own.fields.measurements import Measurements
 from diagrams.own.fields.schema import OwnScenario
 from diagrams.schema.errors import UserError, in_users_words
 from diagrams.schema.origins import origins_of
+from diagrams.studies.recordings import with_platforms
 from systems.earth.time_scales import posix_to_tai
 
 __all__ = ["Asked", "live_command"]
@@ -77,11 +78,18 @@ class Asked:
 
 
 def live_command(
-    system: str, asked: Asked, estimators: Sequence[str] | None, settings: Sequence[str] | None, scenario: Path | None
+    system: str,
+    asked: Asked,
+    estimators: Sequence[str] | None,
+    settings: Sequence[str] | None,
+    scenario: Path | None,
+    platforms: Path | None = None,
 ) -> None:
     """Run estimators on lines of measurements until these end, or a signal comes."""
     asked.check()
     found = find(system)
+    if platforms is not None:
+        settings = with_platforms(found, settings, platforms)
     resolved = _scenario(found, settings, scenario)
     chosen = select_estimators(resolved, estimators)
     digest = digest_of(resolved, chosen)

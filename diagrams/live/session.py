@@ -121,7 +121,7 @@ class Session:
             self._tell(track.ready())
 
     def _begin(self, target: str) -> Track:
-        if self.bench.handed.drawn and not self.bench.path(target):
+        if self.bench.handed.drawn and not self.bench.knows(target):
             raise Refused(
                 "target", f"target: nobody knows where {target} was at t = 0, about which the start is drawn; !Given"
             )

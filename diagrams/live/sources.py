@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import select
 import socket
@@ -19,6 +20,7 @@ __all__ = ["Datagrams", "Followed", "Source", "Splitter", "StandardInput"]
 
 _PIECE = 1 << 15  # bytes that are read at once
 _LOOK = 0.1  # s between two looks at a file
+_BEGINNING = 1024  # bytes by which a file is known
 _BUFFER = 1 << 22  # bytes that the kernel keeps of datagrams
 _LARGEST_DATAGRAM = 1 << 16
 
@@ -59,7 +61,7 @@ class Source(Protocol):
     def read(self, timeout: float) -> list[bytes] | None:
         """Return lines that have come, none after so many seconds; None at the end."""
 
-    def place(self) -> dict[str, int]:
+    def place(self) -> dict[str, Any]:
         """Return where to go on after a restart."""
 
     def close(self) -> None:
@@ -86,7 +88,7 @@ class StandardInput:
         self._ended = True
         return self._splitter.end()
 
-    def place(self) -> dict[str, int]:
+    def place(self) -> dict[str, Any]:
         """See `Source.place`."""
         return {}
 
@@ -136,7 +138,7 @@ class Datagrams:
         except OSError:  # the checksum of a datagram was wrong
             return []
 
-    def place(self) -> dict[str, int]:
+    def place(self) -> dict[str, Any]:
         """See `Source.place`."""
         return {}
 
@@ -173,9 +175,18 @@ class Followed:
             self._file = path.open("rb", buffering=0)
         except (OSError, ValueError) as error:
             raise UserError(f"--follow: {shown(path)} cannot be read ({_reason(error)})") from error
-        status = os.fstat(self._file.fileno())
-        if place and place.get("inode") == status.st_ino and 0 <= place.get("offset", -1) <= status.st_size:
-            self._file.seek(place["offset"])
+        if place:
+            self._go_on(place)
+
+    def _go_on(self, place: Mapping[str, Any]) -> None:
+        """Go to where it was, if it is still the same file: one of the same number may begin with something else."""
+        offset, status = place["offset"], os.fstat(self._file.fileno())
+        if place["inode"] == status.st_ino and place["begins"] == self._begins(offset) and offset <= status.st_size:
+            self._file.seek(offset)
+
+    def _begins(self, offset: int) -> str:
+        first = os.pread(self._file.fileno(), min(offset, _BEGINNING), 0)
+        return hashlib.sha256(first).hexdigest()
 
     def read(self, timeout: float) -> list[bytes] | None:
         """See `Source.read`; there is no end."""
@@ -212,12 +223,10 @@ class Followed:
         self._file.close()
         self._file = file
 
-    def place(self) -> dict[str, int]:
+    def place(self) -> dict[str, Any]:
         """See `Source.place`."""
-        return {
-            "inode": os.fstat(self._file.fileno()).st_ino,
-            "offset": self._file.tell() - self._splitter.waiting,
-        }
+        offset = self._file.tell() - self._splitter.waiting
+        return {"inode": os.fstat(self._file.fileno()).st_ino, "offset": offset, "begins": self._begins(offset)}
 
     def close(self) -> None:
         """See `Source.close`."""

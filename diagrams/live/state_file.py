@@ -36,7 +36,7 @@ def digest_of(scenario: OwnScenario, estimators: Sequence[str]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def write_state(path: Path, session: Session, digest: str, place: Mapping[str, int]) -> None:
+def write_state(path: Path, session: Session, digest: str, place: Mapping[str, Any]) -> None:
     """Write the file: all of it or nothing.
 
     Parameters
@@ -46,7 +46,7 @@ def write_state(path: Path, session: Session, digest: str, place: Mapping[str, i
         Late rows of which are settled.
     digest : str
         See `digest_of`.
-    place : mapping of str to int
+    place : mapping
         Where the source of lines goes on.
 
     Raises
@@ -66,6 +66,7 @@ def write_state(path: Path, session: Session, digest: str, place: Mapping[str, i
         "lines": session.lines,
         "ticks": session.ticks,
         "begun": session.begun,
+        "given_up": session.given_up,
         "left_out": session.refusals.counts,
         "targets": [_track(name, track) for name, track in session.tracks.items()],
     }
@@ -135,6 +136,7 @@ def _restore(session: Session, said: Mapping[str, Any]) -> None:
     held = said["held"]
     session.held = None if held is None else Heard(held[0], held[1], int(held[2]), float(held[3]), float(held[4]))
     session.lines, session.ticks, session.begun = int(said["lines"]), int(said["ticks"]), int(said["begun"])
+    session.given_up = int(said["given_up"])
     session.refusals.counts = {str(kind): int(count) for kind, count in said["left_out"].items()}
     if said["scaled"]:
         session.scale()

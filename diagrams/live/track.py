@@ -171,7 +171,8 @@ class Track:
 
     def _stepped(self, tick: Tick) -> Mapping[str, Told]:
         try:
-            return self.runner.step(tick.time, tick.value, tick.scale)
+            with np.errstate(all="ignore"):  # of values that cannot be used: it is said below
+                return self.runner.step(tick.time, tick.value, tick.scale)
         except (ArithmeticError, ValueError) as error:  # such as a noise that is 1e-300 of what is believed
             message = f"{self.runner.target} at {tick.time:.10g} s: it cannot be used ({error})"
             self._refusals.add("unusable", message, len(tick.rows))

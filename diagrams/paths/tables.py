@@ -17,7 +17,7 @@ from diagrams.schema.errors import UserError, choose
 from systems.earth.geodetic import geodetic_to_ecef
 from systems.earth.time_scales import posix_to_tai
 
-__all__ = ["doubtful_table", "platform_path", "platforms_of"]
+__all__ = ["doubtful_table", "platform_path", "platforms_of", "stands"]
 
 Array = NDArray[np.float64]
 Path = Callable[[float], Array]
@@ -53,6 +53,30 @@ def doubtful_table(field: Platform, setting: Setting, where: str) -> str:
         return " ".join(_table(path, stamp_of(path, where)).notes)
 
 
+def _rows(field: Platform, setting: Setting, where: str) -> tuple[str, PlatformRows]:
+    """Return what a platform's table is called in messages, and the platform's rows."""
+    path = file_of(field.file, setting, where)
+    with of_field(where):
+        table = _table(path, stamp_of(path, where)).platforms
+    what = f"{where}.file: {path.name}"
+    if not field.name and len(table) == 1:
+        rows = next(iter(table.values()))
+    else:
+        rows = table[choose(f"{where}.name", field.name, table)]
+    return what, rows
+
+
+def stands(field: Platform, setting: Setting, where: str) -> bool:
+    """Return whether a platform of a table stands where it is.
+
+    Raises
+    ------
+    UserError
+        If the file cannot be read or has no such platform.
+    """
+    return _rows(field, setting, where)[1].rest is None
+
+
 def platform_path(field: Platform, setting: Setting, frame: Frame, where: str) -> tuple[Path, Frame | None]:
     """Return the state of a platform of a table as a function of time, and its axes; None: those of the system.
 
@@ -62,14 +86,7 @@ def platform_path(field: Platform, setting: Setting, frame: Frame, where: str) -
         If the file cannot be read or has no such platform, for latitudes in a flat frame, and for a record that does
         not cover the run.
     """
-    path = file_of(field.file, setting, where)
-    with of_field(where):
-        table = _table(path, stamp_of(path, where)).platforms
-    what = f"{where}.file: {path.name}"
-    if not field.name and len(table) == 1:
-        rows = next(iter(table.values()))
-    else:
-        rows = table[choose(f"{where}.name", field.name, table)]
+    what, rows = _rows(field, setting, where)
     if rows.geodetic and frame.flat:
         raise UserError(f"{what}: latitude_deg is not allowed in frame {frame.name}; x_m, y_m, z_m")
     places = rows.places

@@ -12,7 +12,6 @@ from diagrams import run_study
 from diagrams.assembly.find import find
 from diagrams.live.session import Session
 from diagrams.own.fields.measurements import Measurements
-from diagrams.own.writing import write_measurements
 
 DRONE = Path(__file__).parents[1] / "own" / "drone.yaml"
 STATES = ("x_m", "y_m", "z_m", "vx_mps", "vy_mps", "vz_mps")
@@ -41,23 +40,6 @@ def play(rows, now=0.0, **options):
 def estimates(told):
     """The last that was said of each target, estimator and time."""
     return {(one["target"], one["estimator"], one["time_s"]): [one[name] for name in STATES] for one in told}
-
-
-@pytest.fixture(scope="module")
-def table(tmp_path_factory):
-    """A simulated study of two trials as a table, by its path."""
-    path = tmp_path_factory.mktemp("live") / "measurements.csv"
-    settings = {"duration_s": 20}
-    result = run_study(DRONE.as_posix(), trials=2, set=settings, keep="measurements")
-    write_measurements(result, find(DRONE.as_posix()).system.load(settings=["duration_s=20"]), path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def rows(table):
-    """Its rows in order of time, of both targets mixed."""
-    with table.open() as file:
-        return sorted(csv.DictReader(file), key=lambda row: float(row["time_s"]))
 
 
 @pytest.fixture(scope="module")

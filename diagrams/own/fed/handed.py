@@ -16,8 +16,10 @@ from diagrams.own.fed.rows import Row, rows_of
 from diagrams.own.fields.schema import OwnScenario, Prior
 from diagrams.own.fields.starts import KnownHeight
 from diagrams.paths.functions import Path
-from diagrams.paths.movers import Fixed, Geodetic, GreatCircle, Straight, StraightLine, Tle, Waypoints
+from diagrams.paths.movers import Fixed, Geodetic, GreatCircle, Platform, Straight, StraightLine, Tle, Waypoints
 from diagrams.paths.places import Places
+from diagrams.paths.records import Setting
+from diagrams.paths.tables import stands
 from systems.clocks import Clock, Driven
 from systems.sensors.handed_rows import HandedRows
 
@@ -50,6 +52,8 @@ class Handed:
         Whether the start is drawn about the truth.
     end : float
         Until when the platforms are known [s].
+    known : float
+        Until when the targets are, if at all [s].
     paths : mapping of str to callable
         Where targets are, by their names, of all under the empty one.
     """
@@ -61,6 +65,7 @@ class Handed:
     scalable: bool
     drawn: bool
     end: float
+    known: float
     paths: Mapping[str, Path]
     notes: Sequence[str] = ()
 
@@ -83,13 +88,20 @@ class Handed:
 
 
 def handed(
-    scenario: OwnScenario, kinds: Sequence[Measured], places: Places, truth: Mapping[str, Path], usual: Clock
+    scenario: OwnScenario,
+    setting: Setting,
+    kinds: Sequence[Measured],
+    places: Places,
+    truth: Mapping[str, Path],
+    usual: Clock,
 ) -> Handed:
     """Return what stands in the place of the sensors of a scenario.
 
     Parameters
     ----------
     scenario : OwnScenario
+    setting : Setting
+        Where files are.
     kinds : sequence of Measured
         All that is measured.
     places : Places
@@ -104,7 +116,10 @@ def handed(
         As `diagrams.own.fed.measured.refuse_simulated`.
     """
     refuse_simulated(scenario, bool(truth))
-    endless = all(isinstance(one, _ENDLESS) for one in scenario.platforms.values())
+    endless = all(
+        isinstance(one, _ENDLESS) or (isinstance(one, Platform) and stands(one, setting, f"platforms.{name}"))
+        for name, one in scenario.platforms.items()
+    )
     return Handed(
         rows=rows_of(kinds, places),
         noise_covariance=believed_noise(kinds),
@@ -113,5 +128,6 @@ def handed(
         scalable=not any(kind.resolved for kind in kinds),
         drawn=isinstance(scenario.start, Prior | KnownHeight),
         end=np.inf if endless else scenario.duration_s,
+        known=scenario.duration_s,
         paths=dict(truth),
     )
