@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import re
-import typing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -20,7 +19,8 @@ from diagrams.assembly.model import Model
 from diagrams.readers.data import Source
 from diagrams.schema.errors import UserError, choose, texts
 from diagrams.schema.origins import Origins
-from diagrams.schema.scenario import apply_setting, check, check_object, dump, load, merge, read_yaml
+from diagrams.schema.reading import check_annotations
+from diagrams.schema.scenario import apply_setting, check_object, dump, load, merge, read_yaml
 from systems.clocks import Periodic
 from systems.counting import tally
 
@@ -30,8 +30,6 @@ Layer = Mapping[str, Any] | Path
 """Values of a scenario, laid over those below: as a mapping, or in a YAML file."""
 
 _NAME = re.compile(r"[^\W_][\w+-]{0,59}")  # it names files, folders and the diagram
-_LEAVES = (bool, int, float, str, Any, object, type(None))
-_ALLOWED = "bool, int, float, str, list[...], dict[str, ...], a dataclass, or a union of these"
 _MOST_EPOCHS = 1_000_000  # hours for one trial and one filter
 
 
@@ -78,7 +76,7 @@ class System:
     estimates: bool = True
 
     def __post_init__(self) -> None:
-        """Check the arguments, and resolve annotations that are texts."""
+        """Check the arguments, and that YAML can fill the scenario."""
         for what, value in (("name", self.name), *(("variant", name) for name in self.variants)):
             if not isinstance(value, str) or not _NAME.fullmatch(value):
                 raise ValueError(f"System: {what}: {value!r} is not allowed; letters, digits, _, - and +, at most 60")
@@ -93,7 +91,7 @@ class System:
         for where, layer in (("base", self.base), *((f"variants.{k}", v) for k, v in self.variants.items())):
             if not isinstance(layer, Mapping | Path):
                 raise ValueError(f"System {self.name}: {where}: {layer!r} is not allowed; a mapping, or a Path")
-        _resolve(self.scenario, "scenario")
+        check_annotations(self.scenario)
 
     # ---- the scenario
 
@@ -199,7 +197,7 @@ class System:
             return data
         try:
             written = read_yaml(dump(load(self.scenario, [data]), comments=False))
-            check(self.scenario, written)  # defaults, too
+            load(self.scenario, [written])  # checks the defaults, too
             return written
         except UserError as error:
             if self.file is not None:  # it says where by itself
@@ -269,36 +267,6 @@ def packaged(name: str) -> dict[str, Any]:
 
 def _values(layer: Layer) -> dict[str, Any]:
     return read_yaml(layer) if isinstance(layer, Path) else dict(layer)
-
-
-def _resolve(schema: Any, where: str, seen: set[Any] | None = None) -> None:
-    """Turn annotations that are texts, as ``from __future__ import annotations`` makes them, into the types.
-
-    Raises
-    ------
-    ValueError
-        For an annotation that is none, or a type that no YAML fills.
-    """
-    seen = set() if seen is None else seen
-    if not (isinstance(schema, type) and dataclasses.is_dataclass(schema)):
-        if typing.get_origin(schema) is None and schema not in _LEAVES:
-            raise ValueError(f"{where}: the type {getattr(schema, '__name__', schema)} is not allowed; {_ALLOWED}")
-        for inner in typing.get_args(schema):
-            _resolve(inner, where, seen)
-        return
-    if schema in seen:
-        return
-    seen.add(schema)
-    fields = dataclasses.fields(schema)
-    if any(isinstance(one.type, str) for one in fields):
-        try:
-            hints = typing.get_type_hints(schema)
-        except Exception as error:
-            raise ValueError(f"scenario: annotations of {schema.__qualname__}: {error}") from error
-        for one in fields:
-            one.type = hints[one.name]
-    for one in fields:
-        _resolve(one.type, f"{schema.__qualname__}.{one.name}", seen)
 
 
 def _checked(scenario: Any) -> Any:

@@ -102,11 +102,12 @@ def show(
     With --schema, for an editor that completes and checks the file; without SYSTEM that of a system of one's own.
     """
     from diagrams.commands.catalogue import load_scenario
-    from diagrams.commands.json_schema import schema_text
     from diagrams.schema.errors import UserError
     from diagrams.schema.scenario import dump
 
     if schema:
+        from diagrams.commands.json_schema import schema_text
+
         if settings or scenario is not None:
             raise UserError("--schema: it is not allowed with --set or --scenario; it is the same for all values")
         print(schema_text(system))

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import types
 import typing
 from collections.abc import Mapping
 from typing import Any
 
 from diagrams.assembly.find import find
 from diagrams.own.fields.schema import OwnScenario
-from diagrams.schema.scenario import natural_name
+from diagrams.schema.reading import Field, fields_of, options_of
 
 __all__ = ["json_schema", "schema_text"]
 
@@ -66,10 +65,16 @@ class _Definitions:
 
     def of_class(self, kind: type) -> dict[str, Any]:
         """Return the schema of a dataclass."""
-        fields = dataclasses.fields(kind)
-        properties = {natural_name(field.name): self._of_field(field) for field in fields}
+        fields = fields_of(kind)
         doc = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
-        return {"type": "object", "description": doc, "properties": properties, "additionalProperties": False}
+        found = {
+            "type": "object",
+            "description": doc,
+            "properties": {key: self._of_field(field) for key, field in fields.items()},
+            "required": [key for key, field in fields.items() if field.required],
+            "additionalProperties": False,
+        }
+        return {keyword: value for keyword, value in found.items() if value != []}
 
     def _reference(self, kind: type) -> dict[str, Any]:
         if kind not in self._names:
@@ -80,20 +85,18 @@ class _Definitions:
             self.definitions[name] = {"title": f"!{kind.__name__}", **self.of_class(kind)}
         return {"$ref": f"#/$defs/{self._names[kind]}"}
 
-    def _of_field(self, field: Any) -> dict[str, Any]:
-        allowed = field.metadata.get("allowed")
-        schema = self._of_type(field.type, {} if allowed is None else allowed.limits)
-        schema = {"description": field.metadata.get("doc", ""), **schema}
-        default = field.default
-        if default is not dataclasses.MISSING and isinstance(default, bool | int | float | str | None):
-            schema["default"] = default
+    def _of_field(self, field: Field) -> dict[str, Any]:
+        schema = self._of_type(field.type, {} if field.allowed is None else field.allowed.limits)
+        schema = {"description": field.doc, **schema}
+        if isinstance(field.default, bool | int | float | str | None):
+            schema["default"] = field.default
         return schema
 
     def _of_type(self, kind: Any, limits: Mapping[str, Any]) -> dict[str, Any]:
         """Return the schema of an annotation; the limits are those of the numbers and texts in it."""
-        origin, arguments = typing.get_origin(kind), typing.get_args(kind)
-        if origin in (typing.Union, types.UnionType):
-            return {"anyOf": [self._of_type(argument, limits) for argument in arguments]}
+        origin, arguments, options = typing.get_origin(kind), typing.get_args(kind), options_of(kind)
+        if len(options) > 1:
+            return {"anyOf": [self._of_type(option, limits) for option in options]}
         if kind is type(None):
             return {"type": "null"}
         if dataclasses.is_dataclass(kind):

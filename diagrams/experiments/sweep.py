@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import typing
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ from diagrams.assembly.system import System
 from diagrams.experiments.compared_study import ComparedStudy
 from diagrams.experiments.summary_entries import interval_entry, nearest_epoch, nees_entry, run_entry
 from diagrams.schema.errors import UserError, choose, texts
-from diagrams.schema.scenario import natural_name
+from diagrams.schema.reading import fields_of, options_of
 from diagrams.statistics.bootstrap import PairedBootstrap, Replicates, interval, log_ratio
 from diagrams.statistics.json_numbers import json_numbers
 from diagrams.statistics.metrics import diverged, not_started
@@ -97,27 +96,27 @@ def _numeric_kind(scenario: Any, key: str) -> type:
     UserError
         If there is no such field, or it is not a number.
     """
-    holder, kind, done = scenario, None, ""
+    holder, kinds, done = scenario, [], ""
     for part in key.split("."):
         if dataclasses.is_dataclass(holder):
-            found = {natural_name(one.name): one for one in dataclasses.fields(holder)}
+            found = fields_of(type(holder))
             one = found[choose(f"--vary: {done}{part}", part, found)]
-            kind, holder = one.type, getattr(holder, one.name)
+            kinds, holder = list(options_of(one.type)), getattr(holder, one.name)
         elif isinstance(holder, Mapping):
             holder = holder[choose(f"--vary: {done}{part}", part, holder)]
-            kind = type(holder)
+            kinds = [type(holder)]
         elif isinstance(holder, list):
             if not part.isdigit() or int(part) >= len(holder):
                 raise UserError(f"--vary: {done}{part} is not known; {done[:-1]} has {len(holder)} entries, from 0")
             holder = holder[int(part)]
-            kind = type(holder)
+            kinds = [type(holder)]
         else:
             raise UserError(f"--vary: {done}{part} is not known; {done[:-1]} has no fields")
         done += part + "."
-    kinds = [one for one in typing.get_args(kind) or (kind,) if one in (int, float)]
-    if not kinds or typing.get_origin(kind) in (list, dict):
+    numbers = [kind for kind in kinds if kind in (int, float)]
+    if not numbers:
         raise UserError(f"--vary: {key} is not allowed; a field that is a number")
-    return kinds[0]
+    return numbers[0]
 
 
 class Sweep:

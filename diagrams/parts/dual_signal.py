@@ -4,7 +4,8 @@ Emitter, main and auxiliary receiver, inter-satellite link, direction finding an
 the window in which the peak is sought comes from a track's prediction or from the direction.
 """
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 

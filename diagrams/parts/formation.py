@@ -1,6 +1,7 @@
 """Satellites in formation and an emitter below them: scenario fields and blocks of the systems that have both."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Protocol

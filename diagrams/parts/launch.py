@@ -1,6 +1,7 @@
 """A launch: the vehicle that flies and the stations that see it, in the launch frame of a spherical Earth."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Sequence

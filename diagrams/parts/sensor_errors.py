@@ -1,6 +1,7 @@
 """Errors of sensors that no estimator knows of: scenario fields; `diagrams.parts.impairment` puts them on a bus."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass, fields
 
 import numpy as np

@@ -1,6 +1,7 @@
 """What moves, or stands, in a system of one's own: platforms and targets, as scenario fields."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from diagrams.parts import launch

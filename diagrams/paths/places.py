@@ -1,6 +1,7 @@
 """What a sensor of a system of one's own has around it, and what all of them have in common."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

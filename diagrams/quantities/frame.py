@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from diagrams.quantities.directions import (
@@ -19,6 +19,9 @@ from diagrams.quantities.directions import (
 from diagrams.quantities.states import POSITION, VELOCITY
 from diagrams.schema.errors import UserError
 from systems.earth.geodetic import course_speed, ecef_to_geodetic, enu_rotation, up
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = [
     "EARTH_FIXED",

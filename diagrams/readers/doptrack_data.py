@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -133,8 +132,7 @@ def _read(file: Path) -> Pass:
     try:
         about: Any = load_yaml(read_text(file))
         table = np.loadtxt(io.StringIO(read_text(file.with_suffix(".csv"))), delimiter=",", comments="#", ndmin=2)
-        epoch = about["tracking"]["epoch"]
-        whole, rest = instant(epoch if isinstance(epoch, datetime) else str(epoch))
+        whole, rest = instant(str(about["tracking"]["epoch"]))
         place = about["station"]["position"]
         elements = about["satellite"]["tle"]
         elevation = float(about["prediction"]["max_elevation"])

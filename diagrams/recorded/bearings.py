@@ -1,6 +1,7 @@
 """A fixed target located by bearings from a CSV file of one's own: ``quietfix replay bearings FILE``."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Union

@@ -11,16 +11,22 @@ from collections.abc import Iterator
 from typing import Any
 
 import yaml
-from pydrake.common.yaml import yaml_load
 
-__all__ = ["LONGEST", "BadYaml", "lines_of", "load_yaml"]
+__all__ = ["LONGEST", "TAG", "BadYaml", "lines_of", "load_yaml", "scalar_text"]
+
+TAG = "_tag"
+"""Under which name a mapping holds its YAML tag."""
 
 LONGEST = 250_000
 """Of a text, in characters; the packaged scenarios have 4 kB at most."""
 
 _DEEPEST = 30  # levels; a scenario needs 6
 _MOST_VALUES = 50_000  # aliases written out
-_PARSER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+# Tags of mappings are kept; dates, which YAML reads without being asked to, stay texts (ISO 8601).
+_Loader: Any = type("_Loader", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {})
+_Loader.add_multi_constructor("", lambda own, tag, node: {**own.construct_mapping(node, deep=True), TAG: tag})
+_Loader.add_constructor("tag:yaml.org,2002:timestamp", lambda own, node: own.construct_yaml_timestamp(node).isoformat())
 
 
 class BadYaml(ValueError):
@@ -38,7 +44,7 @@ class BadYaml(ValueError):
 
 
 def load_yaml(text: str) -> Any:
-    """Return what a YAML text holds, tags of mappings kept as ``_tag``.
+    """Return what a YAML text holds, tags of mappings kept under `TAG`.
 
     Raises
     ------
@@ -49,15 +55,18 @@ def load_yaml(text: str) -> Any:
         raise BadYaml(f"is too long ({len(text)} characters; at most {LONGEST} are allowed)")
     try:
         excess = _excess(text)
-        if excess is None:
-            _refuse_unclear(yaml.compose(text, Loader=_PARSER))
-        data = yaml_load(data=text) if text and excess is None else None
+        if excess is not None:
+            raise BadYaml(excess)
+        loader = _Loader(text)
+        node = loader.get_single_node()
+        _refuse_unclear(node)
+        data = None if node is None else loader.construct_document(node)
     except BadYaml:
         raise
     except Exception as error:  # PyYAML's own, and what its constructors of dates and numbers let through
         raise _not_valid(text, error) from error
-    if excess is not None:
-        raise BadYaml(excess)
+    if isinstance(data, dict):  # a place for anchors
+        return {key: value for key, value in data.items() if not str(key).startswith("_")}
     return data
 
 
@@ -84,7 +93,7 @@ def lines_of(text: str) -> dict[str, int]:
         Of what `load_yaml` can read; of another one nothing is known.
     """
     try:
-        root = yaml.compose(text, Loader=_PARSER) if _excess(text) is None else None
+        root = yaml.compose(text, Loader=_Loader) if _excess(text) is None else None
     except yaml.YAMLError:
         return {}
     return {path: key.start_mark.line + 1 for path, key in _fields(root, "")}
@@ -137,7 +146,7 @@ def _excess(text: str) -> str | None:
     sizes: dict[str, int] = {}
     open_: list[tuple[str | None, int]] = []
     total = 0
-    for event in yaml.parse(text, Loader=_PARSER):
+    for event in yaml.parse(text, Loader=_Loader):
         anchor = getattr(event, "anchor", None)
         if isinstance(event, yaml.AliasEvent):
             if any(anchor == name for name, _ in open_):
@@ -159,3 +168,26 @@ def _excess(text: str) -> str | None:
         if total > _MOST_VALUES:
             return f"is too large (at most {_MOST_VALUES} values are allowed, aliases written out)"
     return None
+
+
+def scalar_text(item: Any) -> str:
+    """Return one value, or a list of such, as YAML writes it."""
+    if item is None:
+        return "null"
+    if isinstance(item, bool):
+        return "true" if item else "false"
+    if isinstance(item, float):
+        # YAML 1.1 needs a dot in 1.0e-10.
+        shown = repr(item)
+        return shown if "." in shown or "e" not in shown else shown.replace("e", ".0e")
+    if isinstance(item, list):
+        return "[" + ", ".join(scalar_text(part) for part in item) + "]"
+    if isinstance(item, str):
+        plain = item.replace("_", "").replace("-", "").isalnum() and item[:1].isalpha()
+        if plain and item.lower() not in ("true", "false", "null", "yes", "no", "on", "off", "y", "n"):
+            return item
+        if item.isprintable():
+            return "'" + item.replace("'", "''") + "'"
+        safe = (c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in item)
+        return '"' + "".join(safe) + '"'
+    return str(item)

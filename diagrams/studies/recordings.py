@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 import typing
@@ -14,6 +13,7 @@ from diagrams.assembly.find import RECORDINGS, Found, find
 from diagrams.readers.platforms import read_platforms
 from diagrams.readers.rows import broken
 from diagrams.schema.errors import UserError, choose
+from diagrams.schema.reading import fields_of
 from diagrams.schema.scenario import dump
 
 __all__ = ["find_recording", "only_simulated", "recording_settings", "with_data", "with_measurements", "with_platforms"]
@@ -72,8 +72,7 @@ def with_data(found: Found, settings: Sequence[str] | None, data: Sequence[Path]
         return chosen
     if found.system.recording is None:
         raise UserError(f"--data: {data[0]} is not allowed for {found.title}; it is no recording")
-    field = next(one for one in dataclasses.fields(found.system.scenario) if one.name == "data")
-    if typing.get_origin(field.type) is list:
+    if typing.get_origin(fields_of(found.system.scenario)["data"].type) is list:
         return [f"data={json.dumps([str(one.absolute()) for one in data])}", *chosen]
     if len(data) > 1:
         raise UserError(f"--data: {len(data)} are not allowed for {found.title}; one")

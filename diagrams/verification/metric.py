@@ -4,7 +4,8 @@ A metric over an interval of time makes one number of each trial first (its mean
 epochs are not.
 """
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

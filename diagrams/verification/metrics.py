@@ -3,7 +3,8 @@
 Everything is SI, courses in degrees, as in `diagrams.statistics.state_errors`.
 """
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Union
 

@@ -1,6 +1,7 @@
 """A requirements file: typed YAML, loaded and checked like a scenario."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,6 +1,7 @@
 """What a requirement sees of a study: what is known before it runs, and a chunk of its result with the errors."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from collections.abc import Sequence
 from functools import cached_property
 

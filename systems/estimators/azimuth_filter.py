@@ -1,6 +1,7 @@
 """The azimuth filtered by a linear Kalman filter, all at once or in pieces."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,6 +1,7 @@
 """A bank of filters, one per root of the ranging equation: no prior, decided by likelihood."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

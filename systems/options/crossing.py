@@ -1,6 +1,7 @@
 """Crossing locators: first and current line, sliding pair, least squares of all lines, instrumental variable."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, get_args

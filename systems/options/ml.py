@@ -1,6 +1,7 @@
 """Batch maximum likelihood from all bearings, as an estimator."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 

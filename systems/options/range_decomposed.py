@@ -1,6 +1,6 @@
 """The range-decomposed filter: ranging, choice of the root by the orbit plane, and a filter on the position."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -12,7 +12,7 @@ from diagrams.commands.command_line import main
 from diagrams.commands.json_schema import schema_text
 from diagrams.own.fields.schema import OwnScenario
 from diagrams.schema.errors import UserError
-from diagrams.schema.scenario import check, read_yaml
+from diagrams.schema.scenario import load, read_yaml
 
 OWN = sorted(path for path in Path(__file__).parent.glob("*.yaml") if ".requirements" not in path.suffixes)
 PACKAGED = sorted((Path(diagrams.__file__).parent / "library" / "scenarios").glob("*.yaml"))
@@ -66,7 +66,7 @@ def test_packaged_files_fit(name):
 def test_it_refuses_what_the_loader_refuses(text):
     data = read_yaml(text)
     with pytest.raises(UserError):
-        check(OwnScenario, data)
+        load(OwnScenario, [data])
     assert not validator(None).is_valid(untagged(data))
 
 

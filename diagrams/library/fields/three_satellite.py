@@ -1,6 +1,7 @@
 """The scenario of `three_satellite`: the truth, and what the estimators believe."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Union
 

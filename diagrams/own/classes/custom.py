@@ -1,6 +1,7 @@
 """A user's own measurement model in a system of one's own."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from diagrams.paths.places import Places

@@ -1,6 +1,7 @@
 """A user's own parts of a system of one's own."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from diagrams.assembly.bus import Bus
@@ -25,7 +26,7 @@ class Custom:
     before: str = choice("what it is put before", "estimators", ("sensors", "estimators"))
     signals: dict[str, str] = documented("what of its signals is logged, by its name in results", factory=dict)
 
-    def part(self, where: str) -> "_Part":
+    def part(self, where: str) -> _Part:
         """Return the part."""
         try:
             found = object_at(self.class_)

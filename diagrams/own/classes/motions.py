@@ -1,6 +1,7 @@
 """A user's own motion model as what the estimators believe in."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from diagrams.quantities.states import POSITION, VELOCITY

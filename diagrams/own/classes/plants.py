@@ -1,6 +1,7 @@
 """A user's own block as the target: any Drake system with a vector output."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 import inspect
 import weakref
 from collections.abc import Callable

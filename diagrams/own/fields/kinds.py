@@ -1,6 +1,7 @@
 """Kinds of measurement of a system of one's own, as scenario fields, and the measurement models that they are."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise

@@ -1,6 +1,7 @@
 """Measurements of one's own in the place of simulated ones, as scenario fields."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from diagrams.paths.movers import Track

@@ -1,6 +1,7 @@
 """What the file of a system of one's own says: its scenario."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Union
 

@@ -1,6 +1,7 @@
 """Sensors of a system of one's own, as scenario fields: a kind of measurement with a clock of its own, or several."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from diagrams.own.fields import kinds

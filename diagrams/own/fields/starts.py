@@ -1,6 +1,7 @@
 """Starts from the first measurement of a system of one's own, as scenario fields."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from systems.documented import choice, documented, number, text

@@ -1,6 +1,7 @@
 """What `quietfix gdop` draws of a system of one's own, as a scenario field."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from diagrams.assembly.map import View

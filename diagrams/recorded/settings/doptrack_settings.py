@@ -1,6 +1,7 @@
 """The scenario of `diagrams.recorded.doptrack`: what ``--set KEY=VALUE`` changes."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Union
 
@@ -36,7 +37,7 @@ class Selection:
     samples: int = count("least number of samples", 300)
     always: list[str] = documented("passes that are used in any case", factory=list)
 
-    def takes(self, one: "Pass") -> bool:
+    def takes(self, one: Pass) -> bool:
         """Return whether a pass is used."""
         return one.name in self.always or (
             one.predicted_elevation >= self.elevation_deg

@@ -1,6 +1,7 @@
 """The scenario of `diagrams.recorded.locards`: what ``--set KEY=VALUE`` changes."""
 
-# No `from __future__ import annotations` here: Drake's YAML loader needs the types themselves.
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Union
 
@@ -75,7 +76,7 @@ class Settings:
         """As recorded, and with faults."""
         return 2 if self.fault_m > 0 and self.fault_share > 0 else 1
 
-    def completed(self) -> "Settings":
+    def completed(self) -> Settings:
         """Return the settings with the two estimators that `estimator` is short for."""
         if not self.estimator:
             return self
