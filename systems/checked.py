@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from systems.registry import blamed, in_one_line, object_at
 
-__all__ = ["Checked", "made", "state_steps"]
+__all__ = ["Checked", "disagreement", "made", "state_steps"]
 
 Array = NDArray[np.float64]
 
 _EPS = float(np.finfo(float).eps)
 _NEAR = 1e3  # m; a distance over which a function of position is taken to curve
 _SPEED_STEP = 1.0  # m/s; most functions are nearly linear in the velocity
+_ROUNDING = 4.0  # of a central difference, in units of eps times the function over the step
+_GROUPS = (slice(0, 3), slice(3, 6), slice(6, None))  # columns that are of one unit: position, velocity, the rest
 
 
 def made(path: str, options: Mapping[str, Any], kind: type, optional: Collection[str] = ()) -> tuple[Any, list[str]]:
@@ -78,6 +80,45 @@ def state_steps(state: Array) -> Array:
     return step
 
 
+def disagreement(own: Array, differences: Array, values: Array, step: Array, least: Array) -> float:
+    """Return how far a derivative is off the central differences, as a share of the gradient.
+
+    Parameters
+    ----------
+    own, differences : ndarray, shape (..., m, n)
+        What is compared.
+    values : ndarray, shape (..., m)
+        The function itself, whose rounding is in the differences.
+    step : ndarray, shape (..., n)
+        Steps of the differences.
+    least : ndarray, shape (m,)
+        Gradients smaller than this count as this.
+
+    Returns
+    -------
+    float
+        The largest over the rows, and over position, velocity and the other states.
+    """
+    rounding = _ROUNDING * _EPS * np.abs(values)[..., :, None] / step[..., None, :]
+    off = np.maximum(np.abs(own - differences) - rounding, 0.0)
+    size = np.maximum(np.abs(own), np.abs(differences))
+    shares = [
+        off[..., group].max(axis=-1) / np.maximum(size[..., group].max(axis=-1), least)
+        for group in _GROUPS
+        if off[..., group].shape[-1]
+    ]
+    return float(np.max(shares))
+
+
+def _locked(argument: Any) -> Any:
+    """Return an argument as a user's class may read it: what it writes there would be the truth of everybody."""
+    if not isinstance(argument, np.ndarray):
+        return argument
+    view = argument.view()
+    view.flags.writeable = False
+    return view
+
+
 class Checked:
     """An object that somebody else wrote, asked through checks.
 
@@ -121,7 +162,7 @@ class Checked:
         """Return what a method gives, as numbers."""
         method: Callable[..., Any] = getattr(self.thing, what)
         try:
-            value = method(*arguments)
+            value = method(*map(_locked, arguments))
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # whatever a user's class does, sys.exit too
@@ -129,9 +170,15 @@ class Checked:
         if np.iscomplexobj(value):
             raise self.wrong(what, "complex numbers are not allowed; real ones")
         try:
-            return np.asarray(value, dtype=float)
+            given = np.asarray(value, dtype=float)
+            return given if given.flags.writeable else given.copy()
         except (TypeError, ValueError) as error:
             raise self.wrong(what, f"{type(value).__name__} is not allowed; an array of numbers") from error
+
+    def same_again(self, what: str, first: Array, second: Array) -> None:
+        """Refuse a method of which two calls with the same arguments give different numbers."""
+        if not np.array_equal(first, second, equal_nan=True):
+            raise self.wrong(what, "two calls with the same arguments give different numbers; noise is added elsewhere")
 
     def shaped(self, what: str, arguments: tuple[Any, ...], allowed: Sequence[tuple[int, ...]]) -> Array:
         """Return what a method gives, which must have one of the shapes."""

@@ -243,7 +243,15 @@ def _estimator(model: Model, bus: Bus, name: str, options: Any) -> Estimator:
         noise_port="noise_covariance" in {**takes, **assumed.feedback},
         tails=assumed.tails,
     )
-    block: Estimator = options.make(name, assumed.model, assumed.motion, assumed.start, wiring)
+    try:
+        block: Estimator = options.make(name, assumed.model, assumed.motion, assumed.start, wiring)
+    except UserError:
+        raise
+    except ValueError as error:
+        # by its own name a message is found in the user's file; the error stays, for it knows whose code raised it
+        if not str(error).startswith((f"{name}:", "estimators.")):
+            error.args = (f"{name}: {error}",)
+        raise
     for port, make in assumed.on_demand.items():
         if block.HasInputPort(port):
             takes[port] = make(bus, block)

@@ -17,6 +17,7 @@ from diagrams.assembly.find import FORMS, Found, find
 from diagrams.console.tables import Column, Table, lost, print_table, three_digits
 from diagrams.console.terminal import say
 from diagrams.schema.errors import UserError
+from diagrams.schema.origins import origins_of
 from diagrams.statistics.epochs import along, from_the_end
 from diagrams.studies.output import OutputFolder, written_beside
 from diagrams.studies.recordings import only_simulated, with_data, with_measurements, with_platforms
@@ -255,7 +256,7 @@ def gdop_command(
     only_simulated(found, "gdop", resolved)
     out = out or Path("gdop")
     with OutputFolder(out, overwrite, "gdop") as folder:
-        with found.blaming(resolved.estimators):
+        with origins_of(resolved).placing(), found.blaming(resolved.estimators):
             map_figures(found.system, resolved, folder.work)
         folder.finish()
     print(f"wrote {out}: figures")

@@ -17,6 +17,7 @@ from diagrams.assembly.source import look_in
 from diagrams.assembly.system import System
 from diagrams.own.classes import plants
 from diagrams.own.declaring.apart import check_apart
+from diagrams.own.declaring.asking import ask_own
 from diagrams.own.declaring.beginning import Begin, Surroundings, begin
 from diagrams.own.declaring.impairing import Together, impaired
 from diagrams.own.declaring.resolving import open_cycles, phase_resolvers
@@ -41,9 +42,7 @@ from diagrams.schema.scenario import read_yaml
 from systems.clocks import Clock, Merged
 from systems.estimators.options import EstimatorOptions
 from systems.integration import LONGEST_STEP
-from systems.measurement.custom import CustomMeasurement
 from systems.motion.base import MotionModel
-from systems.motion.custom import CustomMotion
 from systems.plants.path import Path as PathBlock
 
 __all__ = ["OwnScenario", "declare", "own_system", "places_of"]
@@ -67,22 +66,6 @@ def _check_seen(scenario: OwnScenario, sensors: Sequence[PlacedSensor], target: 
                 f"sensors.{one.name}.minimum_elevation_deg: {one.field.minimum_elevation_deg:g} is not allowed; no "
                 "platform ever sees the target"
             )
-
-
-def _check_own(
-    scenario: OwnScenario, motion: MotionModel, sensors: Sequence[PlacedSensor], target: Path | None, platforms: Path
-) -> None:
-    """Ask a user's own models once, at the first measurement of each; of sensors only where a target is told."""
-    if isinstance(motion, CustomMotion):
-        motion.check(np.stack([np.zeros(6) if target is None else target(0.0)] * 2), scenario.period_s)
-    if target is None:
-        return
-    for kind in [kind for one in sensors for kind in one.kinds]:
-        time = kind.timed.offset_s
-        state = target(time) if scenario.oscillator is None else np.append(target(time), 0.0)
-        for model in {id(model): model for model in (kind.real, kind.believed)}.values():
-            if isinstance(model, CustomMeasurement):
-                model.check(np.stack([state] * 2), np.stack([platforms(time).reshape(-1, 6)] * 2))
 
 
 def places_of(scenario: OwnScenario) -> Places:
@@ -124,8 +107,6 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
     platforms = Platforms(lambda: PathBlock(carriers, "carriers", 6 * len(paths)))
     truth = _truth(scenario, setting, platforms)
     path = next(iter(truth.values()), None)
-    if isinstance(flight, CustomMotion):
-        flight.check(np.stack([np.zeros(6) if path is None else path(0.0)] * 2), scenario.period_s)
     kinds = [kind for one in sensors for kind in one.kinds]
     resolvers = phase_resolvers(scenario, kinds, motion.size)
     fed: Played | Handed | None = None
@@ -136,6 +117,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
         fed = measured(scenario, setting, table, kinds, places_of(scenario), truth, carriers)
     clock = _clock(sensors) if fed is None else fed.clock
     around = Surroundings(scenario, kinds, clock, motion.size, path, carriers, setting)
+    doubt = ask_own(around, flight, simulated=fed is None)
     parts = _simulated(around, sensors, flight, bool(resolvers.each)) if fed is None else [fed]
     start, needed = begin(around)
 
@@ -148,7 +130,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
         return Assumed(used_rows(sensors, options, name), motion, start(name, options, seen), seen, takes)
 
     own = _own_parts(scenario)
-    notes = [differentiated(sensors, flight), _open(around, start), _doubtful(scenario, setting)]
+    notes = [differentiated(sensors, flight), doubt, _open(around, start), _doubtful(scenario, setting)]
     return Model(
         clock=clock,
         duration=fed.end if isinstance(fed, Played) else scenario.duration_s,

@@ -7,7 +7,7 @@ import json
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import contextmanager
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -329,9 +329,11 @@ class Study:
             self._running = _Running(width, wired, wired.finish(), recorders)
         return self._running
 
-    def blaming(self) -> AbstractContextManager[None]:
+    @contextmanager
+    def blaming(self) -> Iterator[None]:
         """Turn whatever a user's own code raises, in a class or in the system, into a `UserError` that names it."""
-        return self.found.blaming(self.request.scenario.estimators)
+        with self._origins.placing(), self.found.blaming(self.request.scenario.estimators):
+            yield
 
     @property
     def of_tracks(self) -> bool:

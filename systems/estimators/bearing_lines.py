@@ -98,7 +98,8 @@ class BearingLocator(Estimator):
 
     def __init__(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> None:
         if not isinstance(model, Bearing) or not isinstance(start, BearingStart):
-            raise ValueError(f"{name}: it locates by bearings; it cannot use {', '.join(model.names)}")
+            words = "it locates by bearings in a plane, from a start at the first of them, as in bearing_crossing"
+            raise ValueError(f"{name}: {words}; it cannot use {', '.join(model.names)}")
         if np.any(motion.process_noise(np.zeros(motion.size), 1.0)):
             raise ValueError(f"{name}: process noise is not allowed; the target stands or moves straight")
         self.sensor = model

@@ -81,7 +81,9 @@ class RangeParameterised(Estimator):
         hypotheses: int,
     ) -> None:
         if not isinstance(start, BearingStart):
-            raise ValueError(f"{name}: hypotheses of range need a start from a bearing")
+            raise ValueError(
+                f"{name}: hypotheses of range need a start from the first bearing in a plane, as in bearing_crossing"
+            )
         if not 0 < nearest < farthest:
             raise ValueError(f"{name}: ranges {nearest:g} to {farthest:g} m are not allowed; 0 < nearest < farthest")
         self.algorithm = algorithm

@@ -8,13 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.checked import Checked, state_steps
+from systems.checked import Checked, disagreement, state_steps
 from systems.checked import made as made_checked
 from systems.measurement.base import MeasurementModel
 
 __all__ = ["CustomMeasurement", "made"]
 
 Array = NDArray[np.float64]
+
+_CLOSE = 1e-3  # of a gradient; what is nearer costs no estimator anything
+_NO_GRADIENT = 1e-6  # sigmas per metre or m/s
 
 
 def made(path: str, options: Mapping[str, Any]) -> tuple[MeasurementModel, bool]:
@@ -85,6 +88,23 @@ class CustomMeasurement(MeasurementModel):
             if not np.isfinite(value).all():
                 begin = target.reshape(-1, target.shape[-1])[0].tolist()
                 raise self._checked.wrong(what, f"a number that is not finite, for a target at {begin}")
+        self._checked.same_again("predict", answers["predict"], self.predict(target, platforms))
+
+    def doubt(self, target: Array, platforms: Array) -> str:
+        """Return in words that the class's own Jacobian is not the derivative of its `predict` there; else nothing."""
+        if not self.has_jacobian:
+            return ""
+        seen = platforms[..., self.platforms, :]
+        off = disagreement(
+            self.jacobian(target, platforms),
+            self._differences(target, seen),
+            self._values(target, seen),
+            state_steps(target),
+            _NO_GRADIENT * self.sigmas,
+        )
+        if off <= _CLOSE:
+            return ""
+        return f"{self._checked.name}: {self._checked.path}.jacobian is {off:.2g} of the gradient off that of predict."
 
     # ---- the model
 

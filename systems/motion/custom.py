@@ -8,13 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.checked import Checked, state_steps
+from systems.checked import Checked, disagreement, state_steps
 from systems.checked import made as made_checked
 from systems.motion.base import MotionModel
 
 __all__ = ["CustomMotion", "made"]
 
 Array = NDArray[np.float64]
+
+_CLOSE = 1e-3  # of a gradient; what is nearer costs no estimator anything
+_NO_GRADIENT = 1e-9  # per unit of the state
 
 
 def made(path: str, options: Mapping[str, Any]) -> tuple[MotionModel, bool]:
@@ -76,8 +79,22 @@ class CustomMotion(MotionModel):
             if not np.isfinite(value).all():
                 begin = state.reshape(-1, self.size)[0].tolist()
                 raise self._checked.wrong(what, f"a number that is not finite, after {dt:g} s from {begin}")
+        self._checked.same_again("propagate", self.propagate(state, dt), self.propagate(state, dt))
         n = self.size
         self._checked.covariance("process_noise", (state, dt), [(*state.shape[:-1], n, n), (n, n)], least=False)
+
+    def doubt(self, state: Array, dt: float) -> str:
+        """Return in words that the class's own transition is not the derivative of its `propagate`; else nothing."""
+        if not self.has_transition:
+            return ""
+        own = np.broadcast_to(self.transition(state, dt), (*state.shape, state.shape[-1]))
+        values, step = self.propagate(state, dt), state_steps(state)
+        off = disagreement(own, self._differences(state, dt), values, step, np.full(self.size, _NO_GRADIENT))
+        if off <= _CLOSE:
+            return ""
+        return (
+            f"{self._checked.name}: {self._checked.path}.transition is {off:.2g} of the gradient off that of propagate."
+        )
 
     def propagate(self, state: Array, dt: float) -> Array:
         """See `MotionModel.propagate`."""
@@ -88,6 +105,10 @@ class CustomMotion(MotionModel):
         n = state.shape[-1]
         if self.has_transition:
             return self._checked.shaped("transition", (state, dt), [(*state.shape, n), (n, n)])
+        return self._differences(state, dt)
+
+    def _differences(self, state: Array, dt: float) -> Array:
+        n = state.shape[-1]
         step, columns = state_steps(state), []
         for i in range(n):
             up, down = state.copy(), state.copy()

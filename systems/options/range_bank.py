@@ -37,7 +37,9 @@ class RangeBank(EstimatorOptions):
             "ukf": UnscentedKalman(),
         }
         if not isinstance(start, BearingStart):
-            raise ValueError(f"{name}: hypotheses of range need a start from a bearing")
+            raise ValueError(
+                f"{name}: hypotheses of range need a start from the first bearing in a plane, as in bearing_crossing"
+            )
         return RangeParameterised(
             name,
             filters[self.filter],

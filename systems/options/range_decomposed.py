@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
-from systems.angles.relative_kinematics import RelativeKinematics
+from systems.angles.relative_kinematics import ROWS, RelativeKinematics
 from systems.documented import choice, count, documented, number
 from systems.estimators.base import Estimator
 from systems.estimators.memory import Epoch, Innovation, Memory
@@ -104,7 +104,8 @@ class RangeDecomposed(Estimator):
         minimum_height: float | None = 100e3,
     ) -> None:
         if not isinstance(model, RelativeKinematics):
-            raise ValueError(f"{name}: ranging needs the six rows of one sensor, not {type(model).__name__}")
+            there = f"{', '.join(ROWS)}; there are {', '.join(model.names)}"
+            raise ValueError(f"{name}: ranging needs all rows of one sensor: {there}")
         self.position = RangedPosition(model)
         self.equation = self.position.equation
         self.plane_epochs = plane_epochs

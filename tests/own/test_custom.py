@@ -281,6 +281,17 @@ def test_differences_of_a_bent_motion():
     np.testing.assert_allclose(found, expected, atol=1e-7)
 
 
+def test_a_transition_that_is_none_is_told():
+    class Halved(WhiteNoiseAcceleration):
+        def transition(self, state, dt):
+            return super().transition(state, 0.5 * dt)
+
+    state = np.array([[4.2e6, 8e5, 4.7e6, 100.0, -30.0, 5.0]])
+    assert CustomMotion(WhiteNoiseAcceleration(1.0)).doubt(state, 2.0) == ""
+    words = "motion: Halved.transition is 0.5 of the gradient off that of propagate."
+    assert CustomMotion(Halved(1.0)).doubt(state, 2.0) == words
+
+
 def test_parts_change_what_comes_after_them_and_their_signals_are_logged():
     changed = study(parts=f"[{custom('shifted', metres=1.0)}]".replace("!Custom ", ""))
     plain, none = study(), study(parts=f"[{custom('Shifted', metres=0.0)}]".replace("!Custom ", ""))

@@ -66,7 +66,9 @@ CHANGED = [
     (MOTION, "  sensors: {zulu: !Altitude {}}", "belief.sensors: zulu is not known"),
     (MOTION, "  sensors: {bearing: !Altitude {}}", "belief.sensors.bearing: rows ['altitude'] are not allowed"),
     (MOTION, "  sensors: {tdoa: !Tdoa {reference: delta, receivers: [alpha]}}", "belief.sensors.tdoa: rows ["),
-    (EKF, "  ekf: !Crossing {}", "ekf: it locates by bearings"),
+    (EKF, "  ekf: !Crossing {}", "ekf: it locates by bearings in a plane"),
+    *((EKF, f"  ekf: !{kind} {{}}", "ekf: ranging needs all rows of one sensor: azimuth") for kind in ("Bank", "Ra")),
+    (EKF, "  ekf: !RangeBank {}", "ekf: hypotheses of range need a start from the first bearing"),
     (EKF, "  ekf: !Custom {class: nowhere:X}", "estimators.ekf.class: nowhere:X cannot be imported"),
     (START, "start: !Snapshot {sensors: [zulu]}", "start.sensors: zulu is not known"),
     # names

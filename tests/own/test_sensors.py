@@ -11,6 +11,7 @@ from diagrams.own.system import own_system
 from diagrams.schema.errors import UserError
 from diagrams.schema.scenario import load, read_yaml
 from systems.signals import Draw, set_draw
+from tests.diagrams.test_command_line import in_process
 
 HERE = Path(__file__).parent
 
@@ -95,6 +96,30 @@ class Broken(Ranges):
 
 class Bare:
     names = ("a",)
+
+
+class Writes(Ranges):
+    def predict(self, target, platforms):
+        target[..., 0] += 1e3
+        return super().predict(target, platforms)
+
+
+class Rolls(Ranges):
+    def predict(self, target, platforms):
+        return super().predict(target, platforms) + np.random.standard_normal(self.size)
+
+
+class Doubles(Ranges):
+    factor = 2.0
+
+    def jacobian(self, target, platforms):
+        offset = target[..., None, :3] - platforms[..., :3]
+        direction = offset / np.sqrt((offset**2).sum(axis=-1, keepdims=True))
+        return self.factor * np.concatenate([direction, np.zeros_like(direction)], axis=-1)
+
+
+class Right(Doubles):
+    factor = 1.0
 """
 
 
@@ -134,6 +159,8 @@ def test_differences_are_said_once(folder):
             "{}",
             r"Broken.predict failed with ZeroDivisionError: nothing here \(my_sensor_models.py, line 26\)",
         ),
+        ("Writes", "{}", r"Writes.predict failed with ValueError: .*read-only \(my_sensor_models.py, line 35\)"),
+        ("Rolls", "{}", r"Rolls.predict: two calls with the same arguments give different numbers"),
         ("Bare", "{}", r"my_sensor_models:Bare is not allowed; a subclass of"),
         ("Ranges", "{sigma: 1.0}", r"options: my_sensor_models:Ranges says: TypeError"),
         ("Ranges", "{sigma_m: 0.0}", r"Ranges.noise_covariance: it must be symmetric and finite"),
@@ -144,6 +171,30 @@ def test_a_model_that_is_wrong_is_refused_by_name(folder, kind, options, words):
     with pytest.raises(UserError, match=r"sensors\.own[.:].*" + words) as caught:
         end(custom(kind, options), folder, 1)
     assert "\n" not in str(caught.value)
+
+
+def test_a_jacobian_that_is_none_is_told(folder):
+    assert declared(custom("Right"), folder)[1].note == ""
+    note = declared(custom("Doubles"), folder)[1].note
+    assert note == "sensors.own: my_sensor_models:Doubles.jacobian is 0.5 of the gradient off that of predict."
+
+
+def test_what_fails_in_a_run_is_told_with_its_line(capsys, folder, monkeypatch):
+    """Far from where the model was asked once."""
+    monkeypatch.chdir(folder)
+    (folder / "my_late_models.py").write_text(
+        "from my_sensor_models import Ranges\n"
+        "class Late(Ranges):\n"
+        "    def predict(self, target, platforms):\n"
+        "        assert (abs(target[..., 0]) < 1e5).all(), 'too far'\n"
+        "        return super().predict(target, platforms)\n"
+    )
+    text = custom("Ranges").replace("my_sensor_models:Ranges", "my_late_models:Late")
+    (folder / "late.yaml").write_text(text)
+    line = 1 + next(i for i, one in enumerate(text.splitlines()) if "own: !Custom" in one)
+    status, _, err = in_process(capsys, "run", "late.yaml", "--trials", "2", "--set", "start.sigma_position_m=1e7")
+    assert status == 2 and err.startswith(f"quietfix: late.yaml:{line}: sensors.own: my_late_models:Late.predict ")
+    assert err.count("\n") == 1 and err.endswith("AssertionError: too far (my_late_models.py, line 4)\n")
 
 
 def test_a_row_that_two_sensors_have_is_refused(folder):
