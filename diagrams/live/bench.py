@@ -20,7 +20,7 @@ from diagrams.own.system import declare
 from diagrams.schema.errors import UserError
 from systems.integration import simulator_of
 from systems.sensors.handed_rows import HandedRows
-from systems.signals import Draw, set_draw
+from systems.signals import Draw, leaf_systems, set_draw
 
 __all__ = ["Bench", "Moment", "Runner", "Told"]
 
@@ -100,6 +100,12 @@ class Bench:
         assert isinstance(block, HandedRows)
         self.block, self.estimators = block, wired.estimators
         self.diagram = wired.finish("live")
+        for leaf in leaf_systems(self.diagram):
+            if leaf.num_abstract_states():
+                raise UserError(
+                    f"live: {leaf.get_name()} is not allowed; it keeps what is no vector of numbers, and could not "
+                    "go on from a state that is kept"
+                )
 
     def knows(self, target: str) -> bool:
         """Return whether anybody knows where a target is at the start."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
@@ -106,11 +106,11 @@ def live_command(
             restore(session, saved, asked.state)
         if session.bench.model.note:
             print(f"quietfix: live: {session.bench.model.note}", file=sys.stderr, flush=True)
-        source = _source(asked, None if saved is None else saved.get("place"))
-        try:
-            stopped = _Loop(session, source, asked, digest, told).run()
-        finally:
-            source.close()
+    source = _source(asked, None if saved is None else saved.get("place"))
+    try:
+        stopped = _Loop(session, source, asked, digest, told, lambda: found.blaming(resolved.estimators)).run()
+    finally:
+        source.close()
     if stopped:
         raise KeyboardInterrupt
 
@@ -138,8 +138,17 @@ def _source(asked: Asked, place: dict[str, int] | None) -> Source:
 class _Loop:
     """Reads, runs and tells until the end; a signal is looked at between two lines, where all is as it should be."""
 
-    def __init__(self, session: Session, source: Source, asked: Asked, digest: str, told: list[str]) -> None:
+    def __init__(
+        self,
+        session: Session,
+        source: Source,
+        asked: Asked,
+        digest: str,
+        told: list[str],
+        blaming: Callable[[], AbstractContextManager[None]],
+    ) -> None:
         self._session, self._source, self._asked, self._digest, self._told = session, source, asked, digest, told
+        self._blaming = blaming  # of what the user's own classes do, and not of files and pipes
         self._stopped = False
 
     def run(self) -> bool:
@@ -149,7 +158,7 @@ class _Loop:
             with self._listening():
                 self._read(began)
                 self._end()
-        except BrokenPipeError:  # nobody reads any more
+        except OSError:  # nobody reads any more, or the disk is full
             self._save()
             raise
         finally:
@@ -164,11 +173,12 @@ class _Loop:
             if lines is None:
                 return
             now = time.monotonic()
-            for line in lines:
-                session.hear(line, now)
-            if not lines:  # all that has come is heard
-                session.idle(now - wait)
-            session.settle()
+            with self._blaming():
+                for line in lines:
+                    session.hear(line, now)
+                if not lines:  # all that has come is heard
+                    session.idle(now - wait)
+                session.settle()
             self._write()
             if now - saved > _SAVE:
                 saved = now
@@ -181,9 +191,11 @@ class _Loop:
 
     def _end(self) -> None:
         """Write the state with what still waits for others of its instant, then tell that as it is."""
-        self._session.settle()
+        with self._blaming():
+            self._session.settle()
         self._save()
-        self._session.finish(time.monotonic())
+        with self._blaming():
+            self._session.finish(time.monotonic())
         self._write()
 
     def _write(self) -> None:
@@ -200,12 +212,12 @@ class _Loop:
 
     def _summary(self, took: float) -> None:
         session = self._session
-        left_out = session.refusals.summary()
+        left_out, doubtful = session.refusals.summary(), session.doubts.summary()
         parts = [
             f"{session.lines} lines, {session.ticks} ticks, {session.begun} targets in {took:.1f} s",
             *([f"{session.given_up} targets given up"] if session.given_up else []),
             *([left_out] if left_out else []),
-            *([f"not known: {', '.join(sorted(session.reader.unknown))}"] if session.reader.unknown else []),
+            *([doubtful] if doubtful else []),
         ]
         print(f"quietfix: live: {'; '.join(parts)}", file=sys.stderr, flush=True)
 

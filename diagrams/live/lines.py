@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -9,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.live.refused import Refused
+from diagrams.live.light import LightTimes
+from diagrams.live.refused import Counted, Refused
 from diagrams.own.fed.handed import Handed
 from diagrams.own.fed.matching import Meaning, beyond, meaning_of
 from diagrams.readers.measurements import COLUMNS, Series
@@ -26,6 +28,8 @@ LONGEST = 1 << 16
 
 _FARTHEST = 1e15
 _SERIES = 10_000  # that are remembered
+_COLUMNS = frozenset(COLUMNS)
+_SIGMAS = 5.0
 _TEXT = 200  # most letters of a name
 
 
@@ -46,19 +50,21 @@ class LineReader:
     ----------
     handed : Handed
         What can be measured.
+    doubts : Counted
+        Where is counted what is doubtful.
     zero : (int, float), optional
         t = 0 in seconds of TAI since 1970, whole ones and the rest; None: the first line with a date.
     dates : bool, optional
         Whether lines have dates (`time`) or seconds (`time_s`); None: as the first line has it.
     """
 
-    def __init__(self, handed: Handed, zero: Moment | None, dates: bool | None = None) -> None:
+    def __init__(self, handed: Handed, doubts: Counted, zero: Moment | None, dates: bool | None = None) -> None:
         self._rows = handed.rows
         self._believed = np.sqrt(np.diagonal(handed.noise_covariance)).tolist()
         self._scalable, self._end = handed.scalable, handed.end
         self.zero, self.dates = zero, dates
         self._meanings: dict[Series, Meaning] = {}
-        self.unknown: set[str] = set()
+        self._light, self._doubts = LightTimes(handed), doubts
 
     def read(self, line: bytes) -> Heard:
         """Return what a line says.
@@ -84,7 +90,7 @@ class LineReader:
         scale = 1.0 if sigma != sigma else sigma * abs(meaning.factor) / self._believed[meaning.row]
         if scale != 1.0 and not self._scalable:
             raise Refused("sigma", f"sigma: {sigma:g} is not allowed with phases that are resolved; sigma_deg")
-        self._left_out(said)
+        self._doubt(said, time, meaning.row, value, scale)
         return Heard(time, series.target or "target", meaning.row, value, scale)
 
     def _meaning(self, series: Series) -> Meaning:
@@ -133,9 +139,23 @@ class LineReader:
             self.zero = whole, rest
         return (whole - self.zero[0]) + (rest - self.zero[1])
 
-    def _left_out(self, said: dict[str, Any]) -> None:
-        if len(said) > 3 and len(self.unknown) < 20:
-            self.unknown.update(str(name)[:40] for name in said if name not in COLUMNS)
+    def _doubt(self, said: dict[str, Any], time: float, number: int, value: float, scale: float) -> None:
+        """Count what is believed all the same, as it is in a table."""
+        row = self._rows[number]
+        if row.kind in ("tdoa", "toa"):
+            most = self._light.most(number, time)
+            if abs(value) > most + _SIGMAS * scale * self._believed[number]:
+                words = (
+                    f"{row.name}: {1e6 * value:.4g} us is more than the {1e6 * most:.4g} us that light takes between "
+                )
+                self._doubts.add("beyond light", f"{words}the two; unit, or clocks?")
+        elif row.compass and said["kind"] == "azimuth":
+            words = "azimuth: taken as counter-clockwise from east (clockwise from north is kind bearing)"
+            self._doubts.once("azimuth", words)
+        for name in said.keys() - _COLUMNS:
+            near = difflib.get_close_matches(name, COLUMNS, n=1, cutoff=0.75)
+            hint = f" (did you mean {near[0]}?)" if near else ""
+            self._doubts.add(f"column {name[:20]}", f"column {name[:40]} is not known{hint} and means nothing")
 
 
 @lru_cache(maxsize=64)

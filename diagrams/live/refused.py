@@ -1,13 +1,12 @@
-"""What is wrong on the wire: it never ends the program, but is counted by kind, and the first of each is told."""
+"""What is wrong or doubtful on the wire: it ends nothing, but is counted by kind, and the first of each is told."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 
 from diagrams.schema.errors import one_line
 
-__all__ = ["Refusals", "Refused"]
+__all__ = ["Counted", "Refused"]
 
 _MOST = 50  # kinds of mistakes; there are not that many
 
@@ -20,17 +19,18 @@ class Refused(Exception):
         self.kind = kind
 
 
-class Refusals:
-    """How many lines were left out, by kind, and the first of each.
+class Counted:
+    """How many there were of each kind, and the first of each.
 
     Parameters
     ----------
-    counts : mapping of str to int, optional
-        To go on from.
+    what : str
+        What is said of all of them.
     """
 
-    def __init__(self, counts: Mapping[str, int] | None = None) -> None:
-        self.counts = dict(counts or {})
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self.counts: dict[str, int] = {}
         self.examples: dict[str, str] = {}
 
     def add(self, kind: str, message: str, count: int = 1) -> None:
@@ -38,9 +38,13 @@ class Refusals:
         if kind not in self.counts and len(self.counts) >= _MOST:
             kind = "others"
         self.counts[kind] = self.counts.get(kind, 0) + count
+        self.once(kind, message)
+
+    def once(self, kind: str, message: str) -> None:
+        """Tell the first of a kind, and count nothing."""
         if kind not in self.examples:
             self.examples[kind] = one_line(message)[:300]
-            print(f"quietfix: live: left out: {self.examples[kind]}", file=sys.stderr, flush=True)
+            print(f"quietfix: live: {self._what}: {self.examples[kind]}", file=sys.stderr, flush=True)
 
     @property
     def total(self) -> int:
@@ -48,8 +52,8 @@ class Refusals:
         return sum(self.counts.values())
 
     def summary(self) -> str:
-        """Return a sentence; empty where nothing was left out."""
+        """Return a sentence; empty where there were none."""
         if not self.counts:
             return ""
         kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(self.counts.items(), key=lambda one: -one[1]))
-        return f"left out: {kinds}"
+        return f"{self._what}: {kinds}"

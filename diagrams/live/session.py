@@ -9,7 +9,7 @@ from pathlib import Path
 from diagrams.live.bench import Bench, Runner
 from diagrams.live.lines import Heard, LineReader
 from diagrams.live.lines import Moment as Zero
-from diagrams.live.refused import Refusals, Refused
+from diagrams.live.refused import Counted, Refused
 from diagrams.live.told import lines_of
 from diagrams.live.track import Outcome, Track
 from diagrams.own.fields.schema import OwnScenario
@@ -52,8 +52,8 @@ class Session:
     ) -> None:
         self._scenario, self._folder, self._estimators = scenario, folder, list(estimators)
         self.bench = Bench(scenario, folder, estimators)
-        self.reader = LineReader(self.bench.handed, zero)
-        self.refusals = Refusals()
+        self.refusals, self.doubts = Counted("left out"), Counted("doubtful")
+        self.reader = LineReader(self.bench.handed, self.doubts, zero)
         self.tracks: dict[str, Track] = {}
         self.begun = 0  # targets, those that were given up too
         self.lines = self.ticks = self.given_up = 0

@@ -22,6 +22,7 @@ _PIECE = 1 << 15  # bytes that are read at once
 _LOOK = 0.1  # s between two looks at a file
 _BEGINNING = 1024  # bytes by which a file is known
 _BUFFER = 1 << 22  # bytes that the kernel keeps of datagrams
+_TOGETHER = 64  # datagrams
 _LARGEST_DATAGRAM = 1 << 16
 
 
@@ -80,9 +81,12 @@ class StandardInput:
         """See `Source.read`."""
         if self._ended:
             return None
-        if not select.select([self._descriptor], [], [], timeout)[0]:
-            return []
-        piece = os.read(self._descriptor, _PIECE)
+        try:
+            if not select.select([self._descriptor], [], [], timeout)[0]:
+                return []
+            piece = os.read(self._descriptor, _PIECE)
+        except OSError as error:
+            raise UserError(f"standard input: it cannot be read ({_reason(error)})") from error
         if piece:
             return self._splitter.feed(piece)
         self._ended = True
@@ -133,10 +137,15 @@ class Datagrams:
         """See `Source.read`; there is no end."""
         if not select.select([self._socket], [], [], timeout)[0]:
             return []
-        try:
-            return self._socket.recv(_LARGEST_DATAGRAM).split(b"\n")
-        except OSError:  # the checksum of a datagram was wrong
-            return []
+        found: list[bytes] = []
+        for _ in range(_TOGETHER):
+            try:
+                found += self._socket.recv(_LARGEST_DATAGRAM).split(b"\n")
+            except BlockingIOError:
+                break
+            except OSError:  # such as the word of a router on something else
+                continue
+        return found
 
     def place(self) -> dict[str, Any]:
         """See `Source.place`."""

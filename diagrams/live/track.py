@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from diagrams.live.bench import Moment, Runner, Told
 from diagrams.live.lines import Heard
-from diagrams.live.refused import Refusals, Refused
+from diagrams.live.refused import Counted, Refused
 
 __all__ = ["Done", "Outcome", "Tick", "Track"]
 
@@ -90,11 +90,11 @@ class Track:
         Of the stream of measurements.
     lag : float
         How late a row may be [s]: so long the ticks are kept, to go back and run them again with it.
-    refusals : Refusals
+    refusals : Counted
         Where ticks are counted with which an estimator can do nothing.
     """
 
-    def __init__(self, runner: Runner, rows: int, lag: float, refusals: Refusals) -> None:
+    def __init__(self, runner: Runner, rows: int, lag: float, refusals: Counted) -> None:
         self.runner, self._rows, self._lag, self._refusals = runner, rows, lag, refusals
         self.pending: list[Tick] = []
         self.done: deque[Done] = deque()

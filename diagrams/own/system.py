@@ -111,7 +111,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
     resolvers = phase_resolvers(scenario, kinds, motion.size)
     fed: Played | Handed | None = None
     if live:
-        fed = handed(scenario, setting, kinds, places_of(scenario), truth, _clock(sensors))
+        fed = handed(scenario, setting, kinds, places_of(scenario), truth, _clock(sensors), carriers)
         fed = fed.with_scales() if scaled else fed
     elif table is not None:
         fed = measured(scenario, setting, table, kinds, places_of(scenario), truth, carriers)

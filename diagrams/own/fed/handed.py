@@ -56,6 +56,10 @@ class Handed:
         Until when the targets are, if at all [s].
     paths : mapping of str to callable
         Where targets are, by their names, of all under the empty one.
+    platforms : mapping of str to int
+        Number of each platform.
+    carriers : callable
+        States (6 p,) of all of them at a time [s].
     """
 
     rows: Sequence[Row]
@@ -67,6 +71,8 @@ class Handed:
     end: float
     known: float
     paths: Mapping[str, Path]
+    platforms: Mapping[str, int]
+    carriers: Path
     notes: Sequence[str] = ()
 
     def __call__(self, bus: Bus) -> None:
@@ -94,6 +100,7 @@ def handed(
     places: Places,
     truth: Mapping[str, Path],
     usual: Clock,
+    carriers: Path,
 ) -> Handed:
     """Return what stands in the place of the sensors of a scenario.
 
@@ -109,6 +116,8 @@ def handed(
         As `diagrams.own.fed.measured.true_paths`.
     usual : Clock
         When the sensors measure as a rule.
+    carriers : callable
+        States (6 p,) of all platforms at a time [s].
 
     Raises
     ------
@@ -130,4 +139,6 @@ def handed(
         end=np.inf if endless else scenario.duration_s,
         known=scenario.duration_s,
         paths=dict(truth),
+        platforms=places.platforms,
+        carriers=carriers,
     )
