@@ -152,8 +152,8 @@ def test_differences_are_said_once(folder):
 @pytest.mark.parametrize(
     ("kind", "options", "words"),
     [
-        ("Ranges", "{stations: 3}", r"Ranges.predict: an array of shape \(1, 2\) is not allowed .*; \(1, 3\)"),
-        ("Flat", "{}", r"Flat.predict: an array of shape \(1,\) is not allowed .*; \(1, 2\)"),
+        ("Ranges", "{stations: 3}", r"Ranges.predict: an array of shape \(2, 2\) is not allowed .*; \(2, 3\)"),
+        ("Flat", "{}", r"Flat.predict: an array of shape \(2,\) is not allowed .*; \(2, 2\)"),
         (
             "Broken",
             "{}",
