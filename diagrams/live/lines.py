@@ -104,10 +104,11 @@ class LineReader:
         return found
 
     def _time(self, said: dict[str, Any]) -> float:
-        dates = "time" in said
-        if dates == ("time_s" in said):
-            both = "both of time and time_s are" if dates else "neither time nor time_s is"
-            raise Refused("time", f"time: {both} not allowed; time with its zone, or time_s")
+        dates, seconds = (said.get(name) not in (None, "") for name in ("time", "time_s"))
+        if dates and seconds:
+            raise Refused("time", "time: both time and time_s are not allowed; one of them")
+        if not dates and not seconds:
+            raise Refused("time", "time: nothing is not allowed; time with its zone, or time_s, seconds")
         if self.dates is not None and dates != self.dates:
             names = ("time", "time_s") if dates else ("time_s", "time")
             raise Refused("time", f"{names[0]}: it is not allowed after lines with {names[1]}; {names[1]}")

@@ -12,6 +12,8 @@ from diagrams import run_study
 from diagrams.assembly.find import find
 from diagrams.live.session import Session
 from diagrams.own.fields.measurements import Measurements
+from diagrams.own.writing import write_measurements
+from diagrams.writers.estimates import estimate_columns
 
 DRONE = Path(__file__).parents[1] / "own" / "drone.yaml"
 STATES = ("x_m", "y_m", "z_m", "vx_mps", "vy_mps", "vz_mps")
@@ -66,6 +68,42 @@ def test_it_is_the_same_as_of_a_table_bit_by_bit(rows, studied):
     assert compared(told, studied) == 3 * 2 * 21
     assert not session.refusals.total
     assert told[0]["target"] == "0" and told[0]["rows"] == 4  # three TDOAs and a height
+
+
+@pytest.mark.parametrize("name", ["three_satellite", "geostationary", "ship"])
+def test_other_systems_are_the_same_bit_by_bit(name, tmp_path):
+    """Phases that are resolved, a height that is drawn, places by latitude, rows below the horizon: every number."""
+    path = DRONE.with_name(f"{name}.yaml")
+    settings = ["duration_s=8"]
+    scenario = find(path.as_posix()).system.load(settings=settings)
+    simulated = run_study(path.as_posix(), trials=1, set=settings, keep="all")
+    write_measurements(simulated, scenario, tmp_path / "rows.csv")
+    fed = run_study(path.as_posix(), set=[*settings, f"measurements.file={tmp_path / 'rows.csv'}"], keep="all")
+    columns = estimate_columns(fed)
+    listed = (column if isinstance(column, list) else column.tolist() for column in columns.values())
+    table = [dict(zip(columns, row, strict=True)) for row in zip(*listed, strict=True)]
+
+    scenario.measurements, told = Measurements(), []
+    session = Session(scenario, path.parent, list(scenario.estimators), told.append)
+    with (tmp_path / "rows.csv").open() as file:
+        for row in sorted(csv.DictReader(file), key=lambda row: float(row["time_s"])):
+            session.hear(json.dumps(row).encode(), 0.0)
+    session.finish(0.0)
+    said = {(one["estimator"], one["time_s"]): one for one in map(json.loads, told)}
+    assert len(said) == len(table) > 8
+    for row in table:
+        line = said[row["estimator"], row["time_s"]]
+        numbers = {key for key in line if key in row and key not in ("estimator", "target")}
+        assert len(numbers) > 25
+        for key in numbers:
+            np.testing.assert_array_equal(np.nan if line[key] is None else line[key], row[key], err_msg=key)
+
+
+def test_where_nobody_knows_a_target_no_start_is_drawn_about_it(rows, tmp_path):
+    (tmp_path / "truth.csv").write_text("time_s,target,x_m,y_m,z_m\n0,0,-5000,2000,900\n20,0,-4000,2000,900\n")
+    told, session = play(rows, settings=["target=null", f"measurements.truth.file={tmp_path / 'truth.csv'}"])
+    assert {one["target"] for one in told} == {"0"}
+    assert session.refusals.counts == {"target": sum(row["target"] == "1" for row in rows)}
 
 
 def test_sigmas_that_come_late_change_the_diagram_and_nothing_else(rows, table, tmp_path):
