@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import difflib
 import math
 import typing
 from collections.abc import Mapping
@@ -127,6 +128,7 @@ def read(schema: Any, data: Any, path: str = "", default: Any = None) -> Any:
     if typing.get_origin(schema) is dict:
         if not isinstance(data, Mapping):
             raise UserError(f"{path}: {data!r} is not allowed; a mapping")
+        _refuse_untagged(inner[1], data, path)
         return {_name(key, path): read(inner[1], item, f"{path}.{key}") for key, item in data.items()}
     return _read_scalar(schema, data, path)
 
@@ -140,6 +142,21 @@ def _option(options: list[Any], data: Any, path: str) -> Any:
     if not isinstance(tag, str):
         raise UserError(f"{path}.{TAG}: {tag!r} is not allowed; a tag such as !{next(iter(tags))}")
     return tags[choose(path, "!" + tag.lstrip("!"), ["!" + name for name in tags])[1:]]
+
+
+def _refuse_untagged(schema: Any, data: Mapping[Any, Any], path: str) -> None:
+    """Refuse what of a mapping of names could be of several kinds, and does not say which: a setting's typing error."""
+    kinds = [one.__name__ for one in options_of(schema) if isinstance(one, type) and dataclasses.is_dataclass(one)]
+    bare = [key for key, item in data.items() if isinstance(item, Mapping) and TAG not in item]
+    if len(kinds) < 2 or not bare:
+        return
+    key, known = str(bare[0]), [str(one) for one in data if one not in bare]
+    near = difflib.get_close_matches(key, known, 1)
+    meant = f" (did you mean {near[0]}?)" if near else ""
+    raise UserError(
+        f"{path}.{key}: it has no tag{meant}; one is needed where it is new, such as {key}: !{kinds[0]} {{}}, of "
+        f"{', '.join('!' + kind for kind in kinds)}"
+    )
 
 
 def _untagged(data: Any) -> Any:

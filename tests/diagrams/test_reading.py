@@ -48,7 +48,9 @@ def test_a_mapping_of_the_defaults_tag_leaves_the_rest_of_the_default():
 
 
 def test_names_stay_in_the_order_of_the_file_and_come_back_from_print():
-    text = "others: {b: !Ball {}, c: !Mast {height_m: 1e1}, a: {gas: 'on'}}\nrows: [!Ball {}, !Mast {height_m: 2}]\n"
+    text = (
+        "others: {b: !Ball {}, c: !Mast {height_m: 1e1}, a: !Ball {gas: 'on'}}\nrows: [!Ball {}, !Mast {height_m: 2}]\n"
+    )
     site = of(text)
     assert list(site.others) == ["b", "c", "a"]
     assert site.rows == [Ball(), Mast(2.0)]
@@ -102,3 +104,11 @@ def test_a_type_that_no_file_fills_is_refused_where_it_is_declared():
         check_annotations(Unfillable)
     with pytest.raises(ValueError, match="annotations of Unknown: name 'Helium' is not defined"):
         check_annotations(Unknown)
+
+
+def test_a_new_name_says_its_kind():
+    """Else a typing error in a setting made one more of the first kind, and nobody was told."""
+    tall = {"others": {"tall": {"_tag": "!Mast", "height_m": 5}}}
+    assert load(Site, [tall, {"others": {"tall": {"height_m": 7}}}]).others["tall"] == Mast(7.0)
+    with pytest.raises(UserError, match=r"others.tal: it has no tag \(did you mean tall\?\); .* of !Ball, !Mast"):
+        load(Site, [tall, {"others": {"tal": {"height_m": 5}}}])
