@@ -66,6 +66,18 @@ class LineReader:
         self._meanings: dict[Series, Meaning] = {}
         self._light, self._doubts = LightTimes(handed), doubts
 
+    @property
+    def begins(self) -> bool:
+        """Whether t = 0 is the first date, and none has come."""
+        return self.zero is None and self.dates is None
+
+    def stamp(self, line: bytes) -> Moment | None:
+        """Return the date of a line in seconds of TAI since 1970; None if it has none."""
+        try:
+            return _moment_of(_object(line).get("time"))
+        except Refused:
+            return None
+
     def read(self, line: bytes) -> Heard:
         """Return what a line says.
 
@@ -130,12 +142,7 @@ class LineReader:
         return time
 
     def _since(self, stamp: Any) -> float:
-        if not isinstance(stamp, str):
-            raise Refused("time", f"time: {stamp!r:.60} is not allowed; a date with its zone, or time_s")
-        try:
-            whole, rest = _moment(stamp)
-        except BadStamp as error:
-            raise Refused("time", f"time: {error}") from None
+        whole, rest = _moment_of(stamp)
         if self.zero is None:
             self.zero = whole, rest
         return (whole - self.zero[0]) + (rest - self.zero[1])
@@ -157,6 +164,15 @@ class LineReader:
             near = difflib.get_close_matches(name, COLUMNS, n=1, cutoff=0.75)
             hint = f" (did you mean {near[0]}?)" if near else ""
             self._doubts.add(f"column {name[:20]}", f"column {name[:40]} is not known{hint} and means nothing")
+
+
+def _moment_of(stamp: Any) -> Moment:
+    if not isinstance(stamp, str):
+        raise Refused("time", f"time: {stamp!r:.60} is not allowed; a date with its zone, or time_s")
+    try:
+        return _moment(stamp)
+    except BadStamp as error:
+        raise Refused("time", f"time: {error}") from None
 
 
 @lru_cache(maxsize=64)

@@ -57,8 +57,9 @@ class Session:
         self.tracks: dict[str, Track] = {}
         self.begun = 0  # targets, those that were given up too
         self.lines = self.ticks = self.given_up = 0
-        self.latest: float | None = None
+        self.latest = 0.0
         self.held: Heard | None = None
+        self.first: bytes | None = None
         self._write, self._lag, self._jump = write, lag, jump
 
     @property
@@ -78,19 +79,39 @@ class Session:
         if not line.strip():
             return
         self.lines += 1
+        for one in self._begun(line) if self.reader.begins else [line]:
+            self._hear(one, now)
+
+    def _hear(self, line: bytes, now: float) -> None:
         try:
-            heard = self.reader.read(line)
-            for one in self._believable(heard):
+            for one in self._believable(self.reader.read(line)):
                 self._take(one, now)
         except Refused as refused:
             self.refusals.add(refused.kind, f"line {self.lines}: {refused}")
 
+    def _begun(self, line: bytes) -> list[bytes]:
+        """Return the lines that are to be heard, when t = 0 is the first date: two have to agree on it."""
+        stamp = self.reader.stamp(line)
+        if stamp is None:
+            return [line]
+        first, self.first = self.first, line
+        if first is None:
+            return []
+        before = self.reader.stamp(first)
+        assert before is not None
+        if abs((stamp[0] - before[0]) + (stamp[1] - before[1])) > self._jump:
+            words = "the first date and the one after it are apart by more than --jump; the first line is left out"
+            self.refusals.add("apart", f"line {self.lines - 1}: {words}")
+            return []
+        self.first = None
+        self.reader.zero = min(before, stamp)
+        return [first, line]
+
     def _believable(self, heard: Heard) -> Iterable[Heard]:
         """Yield rows whose time can be: one false stamp far ahead would make all after it late."""
-        latest = 0.0 if self.latest is None and not self.reader.dates else self.latest
-        if latest is None or heard.time <= latest + self._jump:
+        if heard.time <= self.latest + self._jump:
             self._give_up_held()
-            self.latest = heard.time if latest is None else max(latest, heard.time)
+            self.latest = max(self.latest, heard.time)
             return [heard]
         held, self.held = self.held, heard
         if held is None:
@@ -99,8 +120,9 @@ class Session:
             self._ahead(held)
             return []
         self.held = None
+        words = f"nothing from {self.latest:.10g} s to {held.time:.10g} s"
+        print(f"quietfix: live: {words}", file=sys.stderr, flush=True)
         self.latest = heard.time
-        print(f"quietfix: live: nothing from {latest:.10g} s to {held.time:.10g} s", file=sys.stderr, flush=True)
         return [held, heard]
 
     def _give_up_held(self) -> None:
@@ -159,9 +181,16 @@ class Session:
 
     def finish(self, now: float) -> None:
         """Run all that is left: nothing more will come."""
+        if self.first is not None:
+            first, self.first = self.first, None
+            self.reader.zero = self.reader.stamp(first)
+            self._hear(first, now)
         if self.held is not None:
             held, self.held = self.held, None
-            self._take(held, now)
+            try:
+                self._take(held, now)
+            except Refused as refused:
+                self.refusals.add(refused.kind, str(refused))
         for track in self.tracks.values():
             self._tell(track.ready(everything=True))
 

@@ -63,6 +63,7 @@ def write_state(path: Path, session: Session, digest: str, place: Mapping[str, A
         "scaled": session.scaled,
         "latest": session.latest,
         "held": session.held,
+        "first": None if session.first is None else session.first.decode("utf-8", "replace"),
         "lines": session.lines,
         "ticks": session.ticks,
         "begun": session.begun,
@@ -132,7 +133,8 @@ def restore(session: Session, said: Mapping[str, Any], path: Path) -> None:
 def _restore(session: Session, said: Mapping[str, Any]) -> None:
     zero = said["zero"]
     session.reader.zero = None if zero is None else (int(zero[0]), float(zero[1]))
-    session.reader.dates, session.latest = said["dates"], said["latest"]
+    session.reader.dates, session.latest = said["dates"], float(said["latest"])
+    session.first = None if said["first"] is None else said["first"].encode()
     held = said["held"]
     session.held = None if held is None else Heard(held[0], held[1], int(held[2]), float(held[3]), float(held[4]))
     session.lines, session.ticks, session.begun = int(said["lines"]), int(said["ticks"]), int(said["begun"])

@@ -228,7 +228,7 @@ def test_what_is_doubtful_counts_all_the_same(rows, capsys):
 
 def test_seconds_after_dates_are_garbage():
     dated = {**{k: v for k, v in GOOD.items() if k != "time_s"}, "time": "2020-01-01T00:00:00Z"}
-    _, session = play([dated, GOOD, {**dated, "time": "2020-01-01T00:00:00"}])
+    _, session = play([dated, {**dated, "receiver": "bravo"}, GOOD, {**dated, "time": "2020-01-01T00:00:00"}])
     assert session.refusals.counts == {"time": 2}
 
 
@@ -238,6 +238,19 @@ def test_one_false_stamp_far_ahead_costs_itself_only(rows):
     told, session = play([*mine[:30], false, *mine[30:]])
     assert estimates(told) == estimates(play(mine)[0])
     assert session.refusals.counts == {"ahead": 1}
+
+
+@pytest.mark.parametrize("stamp", ["1980-01-06T00:00:00Z", "2038-01-19T03:14:07Z"])
+def test_a_first_stamp_before_the_clock_was_set_costs_itself_only(rows, stamp):
+    mine = [{k: v for k, v in row.items() if k != "time_s"} for row in rows if row["target"] == "0"]
+    times = [float(row["time_s"]) for row in rows if row["target"] == "0"]
+    dated = [{**row, "time": f"2026-03-01T12:00:{t:02.0f}Z"} for row, t in zip(mine, times, strict=True)]
+    told, session = play([{**dated[0], "time": stamp}, *dated])
+    straight, _ = play(dated)
+    assert estimates(told) == estimates(straight) and told[0]["time"] == "2026-03-01T12:00:00Z"
+    assert session.refusals.counts == {"apart": 1}
+    alone, _ = play(dated[:1])  # nothing comes after it that says otherwise
+    assert [one["time"] for one in alone] == ["2026-03-01T12:00:00Z"]
 
 
 def test_a_long_gap_is_believed_when_a_second_row_says_so(rows, capsys):
