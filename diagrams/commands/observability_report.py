@@ -12,6 +12,7 @@ from diagrams.console.tables import Column, Table, print_table
 from diagrams.console.terminal import say
 from diagrams.experiments.observability import Observability
 from diagrams.statistics.fisher_information import Spectrum
+from diagrams.studies.result_schema import SCHEMA_VERSION
 
 __all__ = ["observability_summary", "print_observability"]
 
@@ -59,6 +60,7 @@ def _telling(s: Spectrum, most: int = 9) -> Iterator[int]:
 def observability_summary(found: Sequence[Observability], system: Found) -> dict[str, Any]:
     """Return ``summary.json``: ``system``, ``time_s``, and under ``sets`` what `Observability.summary` returns."""
     return {
+        "schema_version": SCHEMA_VERSION,
         "system": system.reference,
         "variant": system.variant,
         "time_s": [float(t) for t in found[0].times],

@@ -17,6 +17,7 @@ from diagrams.schema.errors import UserError
 from diagrams.statistics.bootstrap import Interval, PairedBootstrap, interval
 from diagrams.statistics.consistency import chi_square_band
 from diagrams.statistics.json_numbers import json_numbers
+from diagrams.studies.result_schema import SCHEMA_VERSION
 
 __all__ = ["interval_entry", "machine", "nearest_epoch", "nees_entry", "run_entry"]
 
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 def run_entry(dataset: xr.Dataset) -> dict[str, Any]:
     """Return of which system, variant, seed, number of trials and version a result is."""
     return {
+        "schema_version": SCHEMA_VERSION,
         "system": dataset.attrs["system"],
         "variant": dataset.attrs["variant"] or None,
         "seed": int(dataset.attrs["seed"]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Union
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -22,19 +22,12 @@ from systems.angles.bearing import Bearing
 from systems.documented import documented, text
 from systems.fixes.von_mises import robust_fix, sample, von_mises_fix
 from systems.motion.stationary import Stationary
+from systems.options.choice import EstimatorChoice
 from systems.options.crossing import Crossing
 from systems.options.ekf import Ekf
 from systems.options.mgekf import Mgekf
-from systems.registry import estimator_options
 from systems.sensors.recorded import Recording
 from systems.starts.bearing_start import BearingStart
-
-if TYPE_CHECKING:
-    from systems.estimators.options import EstimatorOptions
-
-    EstimatorChoice = EstimatorOptions
-else:
-    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
 __all__ = ["SOURCE", "SYSTEM", "Settings", "declare", "declare_bearings"]
 

@@ -11,6 +11,7 @@ from typing import Any
 from diagrams.assembly.source import beside
 from diagrams.schema.errors import UserError
 from diagrams.statistics.sequential import FAILS, UNDECIDED, WORDS, judge
+from diagrams.studies.result_schema import SCHEMA_VERSION
 from diagrams.verification.specification import Requirement, Specification, read_specification
 from diagrams.verification.trials import GrowingStudy
 
@@ -141,6 +142,7 @@ class Report:
     def as_json(self) -> str:
         """Return ``verification.json``."""
         content = {
+            "schema_version": SCHEMA_VERSION,
             "file": self.path.name,
             "system": self.specification.system,
             "seed": self.seed,

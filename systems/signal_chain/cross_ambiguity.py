@@ -173,8 +173,8 @@ class CrossAmbiguitySensor(EnsembleBlock):
         tickets = {self.time_ticket(), *(self.input_ticket(port) for port in inputs)}
         self._found = self.declare_cached("differences", CrossAmbiguitySensor._compare, tickets)
         after = {self.cached_ticket(self._found)}
-        self.declare_output("measurement", self.trials, 2, self._measurement, after)
         rows = (("tdoa", "s"), ("fdoa", "Hz"))
+        self.declare_output("measurement", self.trials, 2, self._measurement, after, rows)
         square = [(f"{one}_{other}", f"{unit} {per}") for one, unit in rows for other, per in rows]
         self.declare_output("noise_covariance", self.trials, 4, self._noise_covariance, after, square)
         units = {"stein_tdoa": "s", "stein_fdoa": "Hz"}

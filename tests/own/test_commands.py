@@ -9,6 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from diagrams.schema.scenario import read_yaml
+from diagrams.studies.result_schema import SCHEMA_VERSION
 from diagrams.studies.results import open_result
 from tests.diagrams.test_command_line import in_process
 
@@ -111,6 +112,11 @@ def check_all(capsys, monkeypatch, place, name, requirements, short, others):
 
     (place / "shown.yaml").write_text(quietfix("show", file))
     assert read_yaml(place / "shown.yaml")["duration_s"] == read_yaml(HERE / f"{name}.yaml")["duration_s"]
+
+    written = [file for file in place.glob("*/*.json") if not file.name.startswith(".")]
+    assert len(written) == 6  # compare writes two
+    for file in written:
+        assert json.loads(file.read_text())["schema_version"] == SCHEMA_VERSION, file
     resolved = place / "again.yaml"
     resolved.write_text(quietfix("show", str(place / "shown.yaml")))
     assert read_yaml(resolved) == read_yaml(place / "shown.yaml")

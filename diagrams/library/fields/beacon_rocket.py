@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Union
 
 from diagrams.parts.launch import (
     Falcon9,
@@ -15,15 +14,9 @@ from diagrams.parts.launch import (
 )
 from diagrams.parts.sensor_errors import SensorErrors
 from systems.documented import choice, count, documented, number
-from systems.estimators.options import EstimatorOptions
-from systems.registry import estimator_options
+from systems.options.choice import EstimatorChoice
 
 __all__ = ["Scenario", "StationSensing", "TransponderWindow"]
-
-if TYPE_CHECKING:
-    EstimatorChoice = EstimatorOptions
-else:
-    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
 
 @dataclass

@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Union
 
 from diagrams.parts.sensor_errors import SensorErrors
 from systems.documented import choice, documented, number
-from systems.estimators.options import EstimatorOptions
-from systems.registry import estimator_options
+from systems.options.choice import EstimatorChoice
 
 __all__ = ["Kepler", "PaperConstants", "Scenario", "Sp3"]
-
-if TYPE_CHECKING:
-    EstimatorChoice = EstimatorOptions
-else:
-    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
 
 @dataclass

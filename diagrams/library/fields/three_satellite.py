@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Union
 
 from diagrams.parts.formation import (
     EarthConstants,
@@ -17,18 +16,12 @@ from diagrams.parts.formation import (
 )
 from diagrams.parts.sensor_errors import SensorErrors
 from systems.documented import choice, documented, number
-from systems.estimators.options import EstimatorOptions
-from systems.registry import estimator_options
+from systems.options.choice import EstimatorChoice
 
 __all__ = ["PLATFORMS", "Scenario"]
 
 PLATFORMS = ("satellite_0", "satellite_1", "satellite_2")
 """Names of the satellites, in their order in the scenario."""
-
-if TYPE_CHECKING:
-    EstimatorChoice = EstimatorOptions
-else:
-    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
 
 @dataclass

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Union
 
 from diagrams.own.classes import extra, motions, plants
 from diagrams.own.fields.measurements import Measurements
@@ -14,8 +13,7 @@ from diagrams.parts.formation import EarthConstants, ReferenceOrbit
 from diagrams.paths.movers import Fixed, Mover, RandomMotion
 from diagrams.quantities.frame import Frame, as_frame
 from systems.documented import choice, documented, number
-from systems.estimators.options import EstimatorOptions
-from systems.registry import estimator_options
+from systems.options.choice import EstimatorChoice
 
 __all__ = [
     "Belief",
@@ -28,11 +26,6 @@ __all__ = [
     "Prior",
     "WhiteNoiseAcceleration",
 ]
-
-if TYPE_CHECKING:
-    EstimatorChoice = EstimatorOptions
-else:
-    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
 
 @dataclass

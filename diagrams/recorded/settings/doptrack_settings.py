@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Union
+from typing import TYPE_CHECKING
 
 from systems.documented import Allowed, count, documented, number, text
+from systems.options.choice import EstimatorChoice
 from systems.options.iekf import Iekf
-from systems.registry import estimator_options
 
 if TYPE_CHECKING:
     from diagrams.readers.doptrack_data import Pass
-    from systems.estimators.options import EstimatorOptions
-
 __all__ = ["ORDERS", "Selection", "Settings"]
 
 ORDERS = {"bias": 1, "bias_drift": 2, "bias_drift_rate": 3}
 """The estimators of the scenario: how many states their oscillators have."""
-
-if TYPE_CHECKING:
-    EstimatorChoice = EstimatorOptions
-else:
-    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
 _POSITIVE = Allowed(lambda v: v > 0, "three numbers > 0")  # of each item
 

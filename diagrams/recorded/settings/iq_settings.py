@@ -3,19 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Union
 
 from systems.ambiguity.differences import Window
 from systems.ambiguity.prefilter import Band, Everything, Prefilter
 from systems.documented import documented, number
-from systems.registry import estimator_options
-
-if TYPE_CHECKING:
-    from systems.estimators.options import EstimatorOptions
-
-    EstimatorChoice = EstimatorOptions
-else:
-    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
+from systems.options.choice import EstimatorChoice
 
 __all__ = ["Settings"]
 

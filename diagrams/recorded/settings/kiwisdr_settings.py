@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Union
 
 from systems.ambiguity.differences import Window
 from systems.ambiguity.estimate import CrossAmbiguity
 from systems.ambiguity.prefilter import Band
 from systems.documented import documented, number, text
+from systems.options.choice import EstimatorChoice
 from systems.options.iekf import Iekf
-from systems.registry import estimator_options
-
-if TYPE_CHECKING:
-    from systems.estimators.options import EstimatorOptions
-
-    EstimatorChoice = EstimatorOptions
-else:
-    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
 
 __all__ = ["Settings"]
 

@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Union
 
 from diagrams.schema.errors import choose
 from systems.documented import count, documented, number, text
+from systems.options.choice import EstimatorChoice
 from systems.options.iekf import Iekf
-from systems.registry import ESTIMATORS, estimator_options, object_at
-
-if TYPE_CHECKING:
-    from systems.estimators.options import EstimatorOptions
-
-    EstimatorChoice = EstimatorOptions
-else:
-    EstimatorChoice = Union[estimator_options()]  # noqa: UP007 - the members come from the registry
+from systems.registry import ESTIMATORS, object_at
 
 __all__ = ["FALLBACK_M", "LEAST_M", "Settings"]
 
