@@ -13,7 +13,7 @@ from diagrams.identification.prediction import elevations, satellite_path, shift
 from diagrams.readers.doppler.elements import Elements
 from diagrams.readers.doppler.received import Received
 
-__all__ = ["Heard", "heard", "passes_of", "predicted", "time_sigma"]
+__all__ = ["Heard", "Orbit", "heard", "orbit_of", "passes_of", "predicted", "time_sigma"]
 
 Array = NDArray[np.float64]
 
@@ -61,28 +61,73 @@ def time_sigma(age: float) -> float:
     return float(np.hypot(_AT_EPOCH, _PER_DAY * age) / _SPEED)
 
 
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """A satellite on a grid of times of each pass, for any station.
+
+    Attributes
+    ----------
+    rows : list of ndarray of bool
+        Which rows are of each pass.
+    grids : list of ndarray
+        Times of the grids [s].
+    states : list of (ndarray, ndarray, ndarray)
+        There, and half a second behind and ahead along the orbit.
+    times : ndarray, shape (rows,)
+    """
+
+    rows: list[NDArray[np.bool_]]
+    grids: list[Array]
+    states: list[tuple[Array, Array, Array]]
+    times: Array
+
+    def rates(self, station: Array) -> Array:
+        """Return range rates at the rows [m/s], shape (rows,)."""
+        return self._at_rows([shifts_of(states[0], station)[None] for states in self.states])[0]
+
+    def all_at(self, station: Array) -> tuple[Array, Array, Array]:
+        """Return range rates [m/s], their slopes [m/s^2] and elevations [rad] at the rows."""
+        tables = []
+        for states in self.states:
+            now, before, after = (shifts_of(one, station) for one in states)
+            tables.append(np.stack([now, (after - before) / (2 * _HALF), elevations(states[0], station)]))
+        found = self._at_rows(tables)
+        return found[0], found[1], found[2]
+
+    def _at_rows(self, tables: Sequence[Array]) -> Array:
+        found = np.empty((len(tables[0]), self.times.size))
+        for rows, grid, table in zip(self.rows, self.grids, tables, strict=True):
+            found[:, rows] = CubicSpline(grid, table, axis=1)(self.times[rows])
+        return found
+
+
+def orbit_of(elements: Elements, received: Received, ahead: float) -> Orbit | None:
+    """Return where a satellite is that is ahead of its elements by a time [s]; None where SGP4 fails."""
+    number = passes_of(received.times)
+    rows, grids, states = [], [], []
+    for k in range(int(number[-1]) + 1):
+        mine = number == k
+        times = received.times[mine]
+        count = max(int((times[-1] - times[0]) / _GRID) + 2, 5)
+        grid = np.linspace(times[0], max(times[-1], times[0] + 1.0), count)
+        now, before, after = (
+            satellite_path(elements.satellite, received.second, received.rest, grid, ahead + step)
+            for step in (0.0, -_HALF, _HALF)
+        )
+        if now is None or before is None or after is None:
+            return None
+        rows.append(mine)
+        grids.append(grid)
+        states.append((now, before, after))
+    return Orbit(rows, grids, states, received.times)
+
+
 def predicted(
     elements: Elements, received: Received, station: Array, ahead: float
 ) -> tuple[Array, Array, Array] | None:
     """Return range rates [m/s], their slopes [m/s^2] and elevations [rad] at the rows; None where SGP4 fails."""
-    number = passes_of(received.times)
-    found = np.empty((3, received.times.size))
-    for k in range(int(number[-1]) + 1):
-        rows = number == k
-        times = received.times[rows]
-        count = max(int((times[-1] - times[0]) / _GRID) + 2, 5)
-        grid = np.linspace(times[0], max(times[-1], times[0] + 1.0), count)
-        paths = [
-            satellite_path(elements.satellite, received.second, received.rest, grid, ahead + step)
-            for step in (0.0, -_HALF, _HALF)
-        ]
-        if any(path is None for path in paths):
-            return None
-        rates = [shifts_of(path, station) for path in paths if path is not None]
-        height = elevations(paths[0], station) if paths[0] is not None else grid
-        table = np.stack([rates[0], (rates[2] - rates[1]) / (2 * _HALF), height])
-        found[:, rows] = CubicSpline(grid, table, axis=1)(times)
-    return found[0], found[1], found[2]
+    orbit = orbit_of(elements, received, ahead)
+    return None if orbit is None else orbit.all_at(station)
 
 
 def heard(elements: Sequence[Elements], received: Received, station: Array) -> tuple[list[Heard], list[str]]:

@@ -22,26 +22,39 @@ class Fit:
 
     Attributes
     ----------
-    estimate, sigma : ndarray, shape (n,)
-        Parameters and their standard deviations.
+    estimate : ndarray, shape (n,)
+        Parameters.
+    covariance : ndarray, shape (n, n)
     residual : ndarray, shape (blocks,)
         [m/s]
     likelihood : float
         Logarithm of the probability of the rows, parameters integrated out (Laplace's approximation), but for a
         constant that all objects share.
+    peak : float
+        The same at the most likely parameters.
     """
 
     estimate: Array
-    sigma: Array
+    covariance: Array
     residual: Array
     likelihood: float
+    peak: float
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations of the parameters, shape (n,)."""
+        deviations: Array = np.sqrt(np.diagonal(self.covariance))
+        return deviations
 
 
 def own_scale(design: Array, value: Array, prior: Array, center: Array) -> float:
     """Return the scale of the t distribution that a single object's residuals have, by maximum likelihood (EM)."""
     scale = max(float(np.std(value - value.mean())), 1e-6)
+    weight = np.ones_like(value)
+    before = np.diag(prior**-2.0)
     for _ in range(_STEPS):
-        rest = value - design @ _solve(design, value, prior, center, scale, 1.0)[0]
+        part = (weight / scale**2)[:, None] * design
+        rest = value - design @ np.linalg.solve(part.T @ design + before, part.T @ value + center / prior**2)
         weight = (_FREEDOM + 1) / (_FREEDOM + (rest / scale) ** 2)
         new = max(float(np.sqrt(np.mean(weight * rest**2))), 1e-6)
         done = abs(new - scale) < 1e-4 * scale
@@ -77,8 +90,8 @@ def fitted(design: Array, value: Array, prior: Array, center: Array, scale: floa
     explained = -0.5 * (_FREEDOM + 1) * float(np.sum(np.log1p((rest / scale) ** 2 / _FREEDOM))) / together
     drawn = -0.5 * float(np.sum(((estimate - center) / prior) ** 2))
     spread = -0.5 * float(np.linalg.slogdet(curvature * np.outer(prior, prior))[1])
-    sigma = np.sqrt(np.diagonal(np.linalg.inv(curvature)))
-    return Fit(estimate, sigma, rest, explained + drawn + spread)
+    scaled = np.linalg.inv(curvature * np.outer(prior, prior)) * np.outer(prior, prior)
+    return Fit(estimate, scaled, rest, explained + drawn + spread, explained + drawn)
 
 
 def _solve(

@@ -21,8 +21,20 @@ def identify(
     ],
     tle: Annotated[Path, typer.Option(metavar="FILE", help="Two-line elements of all objects that it may be.")],
     station: Annotated[
-        str, typer.Option(metavar="LAT,LON,H", help="The receiver [deg, deg, m], or a YAML or JSON file that says so.")
-    ],
+        str | None,
+        typer.Option(
+            metavar="LAT,LON,H",
+            help="The receiver [deg, deg, m], or a YAML or JSON file that says so.  [default: it is looked for]",
+            show_default=False,
+        ),
+    ] = None,
+    object_: Annotated[
+        str | None,
+        typer.Option("--object", metavar="NAME", help="The only object that counts, by number or name."),
+    ] = None,
+    height_m: Annotated[
+        float | None, typer.Option(metavar="H", help="Height of a station that is looked for.", show_default=False)
+    ] = None,
     carrier_mhz: Annotated[
         float | None,
         typer.Option(
@@ -49,12 +61,16 @@ def identify(
     frequency_column: Annotated[
         str | None, typer.Option(metavar="NAME", help="Its column of frequencies.", show_default=False)
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write identification.json here.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write what was found here.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
 ) -> None:
-    """Say which satellite was heard: one-way Doppler at a known station against two-line elements."""
+    """Say which satellite was heard: one-way Doppler at a known station against two-line elements.
+
+    Without --station: say where the station is that heard an object, with its 99 % ellipse.
+    """
     from diagrams.identification.command import Asked, identify_command
 
-    columns = {"start": start, "time_column": time_column, "frequency_column": frequency_column}
-    asked = Asked(file, tle, station, carrier_mhz, oscillator=oscillator, time_sigma=time_sigma, **columns)
+    asked = Asked(
+        file, tle, station, object_, height_m, carrier_mhz, start, time_column, frequency_column, oscillator, time_sigma
+    )
     identify_command(asked, out, overwrite)

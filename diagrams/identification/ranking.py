@@ -8,23 +8,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.identification.candidates import Heard, heard, passes_of, predicted, time_sigma
+from diagrams.identification.blocks import Blocks, blocks_of, gain_of_more, smooth_part, system_of
+from diagrams.identification.candidates import Heard, heard, predicted, time_sigma
 from diagrams.identification.fit import Fit, correlation_time, fitted, own_scale
+from diagrams.identification.priors import Priors
 from diagrams.identification.rows import used_rows
 from diagrams.readers.doppler.elements import Elements
 from diagrams.readers.doppler.received import Received
 from diagrams.schema.errors import UserError
 from systems.constants import SPEED_OF_LIGHT
 
-__all__ = ["ORDERS", "Priors", "Ranked", "Ranking", "rank"]
+__all__ = ["Ranked", "Ranking", "rank"]
 
 Array = NDArray[np.float64]
 
-ORDERS = {"bias": 1, "drift": 2, "rate": 3}
-"""States of the oscillator by its last one."""
-
-_BLOCKS = 100  # per pass
-_LEAST = 8  # blocks in all
 _REFINED = 4  # times that the orbit is looked up at the time that was found
 _CLOSE = 0.02  # s
 _FAR = 15.0  # scales of the best object: others are not refined
@@ -32,32 +29,6 @@ _LINEAR = 30.0  # s along the orbit
 _CERTAIN = 0.95
 _SYSTEMATIC = 3.0  # residual over what a smooth curve leaves of it
 _ELEMENTS = 30.0  # m/s that elements may leave of a range rate
-
-
-@dataclass(frozen=True)
-class Priors:
-    """What is believed before.
-
-    Attributes
-    ----------
-    bias, drift, rate : float
-        Standard deviations of the oscillator's error as range rate [m/s], [m/s^2], [m/s^3].
-    time : float, optional
-        That of the time that an object is ahead of its elements [s]; None: by their age.
-    order : int
-        How many states the oscillator has.
-    """
-
-    bias: float = 30_000.0
-    drift: float = 3.0
-    rate: float = 0.01
-    time: float | None = None
-    order: int = 2
-
-    @property
-    def oscillator(self) -> Array:
-        """Standard deviations of one pass's states, shape (order,)."""
-        return np.array([self.bias, self.drift, self.rate])[: self.order]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +84,8 @@ class Ranking:
         Blocks that say the same as one.
     systematic : float
         Residual of the best object over what a smooth curve leaves of it; 1: noise only.
+    more : float
+        Logarithm of the likelihood that one more state of the oscillator would gain.
     notes : list of str
     """
 
@@ -122,6 +95,7 @@ class Ranking:
     noise: float
     together: float
     systematic: float
+    more: float
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -141,30 +115,6 @@ class Ranking:
     def identified(self) -> bool:
         """Whether it is one object: explained, and with a probability of 0.95 at least."""
         return self.explained and self.ranked[0].probability >= _CERTAIN
-
-
-@dataclass(frozen=True, eq=False)
-class _Blocks:
-    """Used rows in blocks of as many seconds.
-
-    Attributes
-    ----------
-    parts : list of ndarray of int
-        Numbers of the rows of each block.
-    basis : ndarray, shape (rows, passes * order)
-        Oscillators' polynomials at the rows.
-    """
-
-    parts: list[NDArray[np.int64]]
-    basis: Array
-
-    def medians(self, values: Array) -> Array:
-        """Return medians, shape (blocks,)."""
-        return np.array([np.median(values[part]) for part in self.parts])
-
-    def means(self, values: Array) -> Array:
-        """Return means, shape (blocks, ...)."""
-        return np.array([values[part].mean(axis=0) for part in self.parts])
 
 
 def rank(received: Received, elements: Sequence[Elements], station: Array, priors: Priors) -> Ranking:
@@ -195,13 +145,11 @@ def rank(received: Received, elements: Sequence[Elements], station: Array, prior
         )
     measured = -SPEED_OF_LIGHT * received.frequency / received.carrier
     used, said = used_rows(received, measured, objects)
-    blocks = _blocks(received.times, used, priors.order)
-    if len(blocks.parts) < _LEAST:
-        raise UserError(f"{received.path.name}: {len(blocks.parts)} blocks of rows are not allowed; at least {_LEAST}")
+    blocks = blocks_of(received, used, priors.order)
     priors_of = [_prior(one, priors, blocks) for one in objects]
     scales = np.array(
         [
-            own_scale(*_system(blocks, measured, one.range_rate, one.slope), prior, 0 * prior)
+            own_scale(*system_of(blocks, measured, one.range_rate, one.slope[:, None]), prior, 0 * prior)
             for one, prior in zip(objects, priors_of, strict=True)
         ]
     )
@@ -217,37 +165,12 @@ def rank(received: Received, elements: Sequence[Elements], station: Array, prior
         notes.append(
             f"{len(objects) - len(near)} of {len(objects)} objects over the horizon are far off and not ranked"
         )
-    return _ranking(objects, near, fits, blocks, measured, priors, (scale, together), used, notes)
+    return _ranking(objects, near, fits, blocks, measured, priors, (scale, together), (received, used), notes)
 
 
-def _blocks(times: Array, used: NDArray[np.bool_], order: int) -> _Blocks:
-    number = passes_of(times)
-    parts: list[NDArray[np.int64]] = []
-    count = int(number[-1]) + 1
-    basis = np.zeros((times.size, count * order))
-    for k in range(count):
-        mine = np.flatnonzero((number == k) & used)
-        if not mine.size:
-            continue
-        span = times[mine[-1]] - times[mine[0]]
-        which = np.floor((times[mine] - times[mine[0]]) / max(span / _BLOCKS, 1e-9) * (1 - 1e-12))
-        parts += np.split(mine, np.flatnonzero(np.diff(which)) + 1)
-        since = times - 0.5 * (times[mine[0]] + times[mine[-1]])
-        for i in range(order):
-            basis[number == k, k * order + i] = (since**i / max(i, 1))[number == k]
-    return _Blocks(parts, basis)
-
-
-def _prior(one: Heard, priors: Priors, blocks: _Blocks) -> Array:
-    passes = blocks.basis.shape[1] // priors.order
+def _prior(one: Heard, priors: Priors, blocks: Blocks) -> Array:
     time = time_sigma(one.age) if priors.time is None else priors.time
-    return np.append(np.tile(priors.oscillator, passes), time)
-
-
-def _system(blocks: _Blocks, measured: Array, rate: Array, slope: Array) -> tuple[Array, Array]:
-    """Return design and values by blocks."""
-    design = np.concatenate([blocks.basis, slope[:, None]], axis=1)
-    return blocks.means(design), blocks.medians(measured - rate)
+    return np.append(blocks.priors(priors), time)
 
 
 Refined = tuple[Fit, float, Array, Array]
@@ -257,7 +180,7 @@ def _refined(
     one: Heard,
     received: Received,
     station: Array,
-    blocks: _Blocks,
+    blocks: Blocks,
     measured: Array,
     prior: Array,
     scale: float,
@@ -268,7 +191,7 @@ def _refined(
     center = np.zeros_like(prior)
     for _ in range(_REFINED):
         center[-1] = -ahead
-        fit = fitted(*_system(blocks, measured, rate, slope), prior, center, scale, together)
+        fit = fitted(*system_of(blocks, measured, rate, slope[:, None]), prior, center, scale, together)
         step = float(np.clip(fit.estimate[-1], -_LINEAR, _LINEAR))
         if abs(step) < _CLOSE:
             break
@@ -277,26 +200,26 @@ def _refined(
             break
         ahead, rate, slope = ahead + step, moved[0], moved[1]
     center[-1] = -ahead
-    fit = fitted(*_system(blocks, measured, rate, slope), prior, center, scale, together)
+    fit = fitted(*system_of(blocks, measured, rate, slope[:, None]), prior, center, scale, together)
     return fit, ahead, rate, slope
 
 
-def _noise(blocks: _Blocks, measured: Array, found: Refined, prior: Array) -> tuple[float, float]:
+def _noise(blocks: Blocks, measured: Array, found: Refined, prior: Array) -> tuple[float, float]:
     """Return scale and correlation of the residuals of an object."""
     fit, ahead, rate, slope = found
     center = np.append(np.zeros(prior.size - 1), -ahead)
-    return own_scale(*_system(blocks, measured, rate, slope), prior, center), correlation_time(fit.residual)
+    return own_scale(*system_of(blocks, measured, rate, slope[:, None]), prior, center), correlation_time(fit.residual)
 
 
 def _ranking(
     objects: Sequence[Heard],
     near: Sequence[int],
     fits: Sequence[Refined],
-    blocks: _Blocks,
+    blocks: Blocks,
     measured: Array,
     priors: Priors,
     noise: tuple[float, float],
-    used: NDArray[np.bool_],
+    heard_in: tuple[Received, NDArray[np.bool_]],
     notes: list[str],
 ) -> Ranking:
     top = max(fit.likelihood for fit, *_ in fits)
@@ -320,18 +243,10 @@ def _ranking(
             )
         )
     ranked.sort(key=lambda one: -one.likelihood)
-    best = max(fits, key=lambda found: found[0].likelihood)[0]
+    best, ahead, rate, slope = max(fits, key=lambda found: found[0].likelihood)
+    prior = _prior(ranked[0].heard, priors, blocks)
+    center = np.append(np.zeros(prior.size - 1), -ahead)
+    there = system_of(blocks, measured, rate, slope[:, None])
+    more = gain_of_more(*heard_in, there, prior, center, priors, noise)
     about = float(1.4826 * np.median(np.abs(ranked[0].residual)))
-    return Ranking(ranked, used, noise[0], about, noise[1], _systematic(best.residual), notes)
-
-
-def _systematic(rest: Array) -> float:
-    """Return the robust size of residuals over that of their distance from a smooth curve, of order 7."""
-    place = np.linspace(-1, 1, rest.size)
-    basis = np.polynomial.legendre.legvander(place, min(7, rest.size // 4))
-    weight = np.ones_like(rest)
-    left = rest
-    for _ in range(20):
-        left = rest - basis @ np.linalg.lstsq(weight[:, None] * basis, weight * rest, rcond=None)[0]
-        weight = 1 / np.sqrt(1 + (left / (2 * max(float(np.median(np.abs(left))), 1e-9))) ** 2)
-    return float(np.median(np.abs(rest)) / max(float(np.median(np.abs(left))), 1e-9))
+    return Ranking(ranked, heard_in[1], noise[0], about, noise[1], smooth_part(best.residual), more, notes)

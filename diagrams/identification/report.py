@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from diagrams.console.tables import Column, Styled, Table, three_digits
-from diagrams.identification.ranking import Priors, Ranked, Ranking
+from diagrams.identification.blocks import MUCH
+from diagrams.identification.priors import Priors
+from diagrams.identification.ranking import Ranked, Ranking
 from diagrams.readers.doppler.received import Received
 from diagrams.statistics.json_numbers import json_numbers
 from systems.constants import SPEED_OF_LIGHT
@@ -98,7 +100,7 @@ def _unexplained(ranking: Ranking) -> str:
     )
 
 
-def cautions(ranking: Ranking) -> list[str]:
+def cautions(ranking: Ranking, priors: Priors) -> list[str]:
     """Return what a reader must know of the best object."""
     best = ranking.ranked[0]
     notes = []
@@ -106,6 +108,9 @@ def cautions(ranking: Ranking) -> list[str]:
         notes.append(
             f"the elements of {best.heard.elements.label} are {abs(best.heard.age):.0f} days from the recording"
         )
+    if ranking.more > MUCH:
+        word = "a drift" if priors.order == 1 else "one more state of the oscillator"
+        notes.append(f"{word} would explain the rows {np.exp(min(ranking.more, 99)):.2g} times as well: --oscillator")
     if ranking.together > 1.5:
         notes.append(f"residuals hang together: {ranking.together:.1f} neighbouring blocks of 100 count as one")
     return notes
@@ -129,7 +134,7 @@ def entry(ranking: Ranking, received: Received, priors: Priors) -> dict[str, Any
         "sigma_block_mps": ranking.scale,
         "blocks_together": ranking.together,
         "systematic": json_numbers(ranking.systematic),
-        "notes": [*received.notes, *ranking.notes, *cautions(ranking)],
+        "notes": [*received.notes, *ranking.notes, *cautions(ranking, priors)],
         "objects": [
             {
                 "number": one.heard.elements.number,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ Flags = NDArray[np.bool_]
 
 _POINTS = 10  # blocks that trial curves go through
 _BLOCKS = 100  # of a pass, whose medians the curves are judged by
+_SINGULAR = 1e-6  # determinant of columns of size 1
 _FAR = 6.0  # robust sigmas
 _SETTLED = 4.0
 _SHARE = 0.1  # of rows that may be far off where the satellite is heard
@@ -50,8 +51,10 @@ def used_rows(received: Received, measured: Array, objects: Sequence[Heard]) -> 
             notes.append(f"{_span(received, rows)}: {rows.size} rows before a pause are left out")
             continue
         times = received.times[rows]
-        curves = [_curve(times, measured[rows] - one.range_rate[rows], one.slope[rows]) for one in objects]
-        _, rest = min(curves, key=lambda curve: curve[0])
+        lefts = [(measured[rows] - one.range_rate[rows], one.slope[rows]) for one in objects]
+        curves = [_curve(times, *left) for left in lefts]
+        best = min(range(len(curves)), key=lambda i: curves[i][0])
+        rest = _about(times, *lefts[best], curves[best][1])
         good = _refined(rest)
         first, last = _settled(rest, good, *_ends(good))
         used[rows[first:last]] = good[first:last]
@@ -59,26 +62,36 @@ def used_rows(received: Received, measured: Array, objects: Sequence[Heard]) -> 
     return used, notes
 
 
-def _curve(times: Array, left: Array, slope: Array) -> tuple[float, Array]:
-    """Return the robust sigma of the best curve's residuals by blocks, and its residuals of all rows."""
+def _basis(times: Array, slope: Array) -> Array:
     scaled = 2 * (times - times[0]) / max(times[-1] - times[0], 1e-9) - 1
-    basis = np.stack([np.ones_like(scaled), scaled, scaled**2, slope], axis=1)
-    parts = np.array_split(np.arange(times.size), min(_BLOCKS, times.size))
-    block = np.array([np.append(basis[part].mean(axis=0), np.median(left[part])) for part in parts])
-    picked = np.unique(np.linspace(0, len(parts) - 1, _POINTS + 2)[1:-1].astype(int))
+    return np.stack([np.ones_like(scaled), scaled, scaled**2, slope], axis=1)
+
+
+def _curve(times: Array, left: Array, slope: Array) -> tuple[float, Array]:
+    """Return the median residual of blocks about the best curve, and that curve's coefficients."""
+    edges = np.linspace(0, times.size, min(_BLOCKS, times.size) + 1).astype(int)
+    basis = np.add.reduceat(_basis(times, slope), edges[:-1]) / np.diff(edges)[:, None]
+    value = np.array([np.median(left[a:b]) for a, b in pairwise(edges)])
+    picked = np.unique(np.linspace(0, value.size - 1, _POINTS + 2)[1:-1].astype(int))
     trials = np.array(list(combinations(picked, 4)))
-    system, value = block[trials][..., :4], block[trials][..., 4]
-    sound = np.linalg.cond(system) < 1e10
-    fits = np.linalg.solve(system[sound], value[sound][..., None])[..., 0]
-    if not len(fits):
-        fits = np.zeros((1, 4))
-    medians = np.median(np.abs(block[:, 4] - fits @ block[:, :4].T), axis=1)
+    scaled = basis / np.maximum(np.abs(basis).max(axis=0), 1e-9)
+    sound = np.abs(np.linalg.det(scaled[trials])) > _SINGULAR
+    if not sound.any():
+        return float(np.median(np.abs(value))), np.zeros(4)
+    fits = np.linalg.solve(basis[trials[sound]], value[trials[sound]][..., None])[..., 0]
+    medians = np.median(np.abs(value - fits @ basis.T), axis=1)
     best = int(np.argmin(medians))
-    rest = left - basis @ fits[best]
-    sigma = _TO_SIGMA * float(medians[best])
-    weight = np.clip(1 - (rest / max(_FAR * _scale(rest), 1e-9)) ** 2, 0, None)  # one step of the biweight
+    return float(medians[best]), fits[best]
+
+
+def _about(times: Array, left: Array, slope: Array, curve: Array) -> Array:
+    """Return residuals of all rows about a curve, after one step of the biweight from it."""
+    basis = _basis(times, slope)
+    rest = left - basis @ curve
+    weight = np.clip(1 - (rest / max(_FAR * _scale(rest), 1e-9)) ** 2, 0, None)
     fit = np.linalg.lstsq(weight[:, None] * basis, weight * left, rcond=None)[0]
-    return sigma, left - basis @ fit
+    about: Array = left - basis @ fit
+    return about
 
 
 def _scale(rest: Array) -> float:

@@ -181,6 +181,8 @@ def test_seconds_need_a_start(capsys, tmp_path):
 
 MISTAKES = {
     "--station 1,2": "--station: 1,2 is not allowed; LATITUDE,LONGITUDE,HEIGHT",
+    "--object nobody": "--object: nobody is not known",
+    "--height-m 3": "--height-m: it is not allowed with --station",
     "--station 91,2,3": "latitude 91",
     "--station nowhere.yml": "nowhere.yml: it cannot be read",
     "--carrier-mhz -3": "--carrier-mhz: -3",
