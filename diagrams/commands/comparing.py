@@ -116,7 +116,7 @@ def _one(study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | Non
 
 def comparison_table(found: Mapping[str, Any]) -> Table:
     """Return the table of one comparison, as `diagrams.experiments.compare.comparison_statistics` gives it."""
-    name = found["system"] + (f":{found['variant']}" if found["variant"] else "")
+    name = _named(found)
     titles = (
         f"RMSE at {time_words(found)} [m]",
         "mean RMSE [m]",
@@ -142,17 +142,21 @@ def comparison_markdown(found: Sequence[Mapping[str, Any]]) -> str:
     titles += ("RMSE/bound", "NEES/n", "diverged", "us per step")
     lines = ["| " + " | ".join(titles) + " |", "|" + "---|" * len(titles)]
     for one in found:
-        name = one["system"] + (f":{one['variant']}" if one["variant"] else "")
+        name = _named(one)
         lines.append(f"| **{name}**, {time_words(one)} |" + " |" * (len(titles) - 1))
         named = (f"`{row[0]}`".replace(" (not causal)`", "` (not causal)") for row in _rows(one))
         lines += [f"| {n} | " + " | ".join(row[1:]) + " |" for n, row in zip(named, _rows(one), strict=True)]
     first = found[0]
-    seconds = ", ".join(f"{one['system']} {one['run_seconds']:.0f} s" for one in found)
-    extra = [f"{one['system']}: {line}." for one in found for line in _lighter(one)]
-    extra += [f"{one['system']}: left out: {n}: {why}." for one in found for n, why in one["left_out"].items()]
+    seconds = ", ".join(f"{_named(one)} {one['run_seconds']:.0f} s" for one in found)
+    extra = [f"{_named(one)}: {line}." for one in found for line in _lighter(one)]
+    extra += [f"{_named(one)}: left out: {n}: {why}." for one in found for n, why in one["left_out"].items()]
     facts = f"{first['trials']} trials, seed {first['seed']}; {first['machine']}; {seconds}."
     lines += ["", f"{facts} {_legend(first)}", *extra]
     return "\n".join(lines) + "\n"
+
+
+def _named(found: Mapping[str, Any]) -> str:
+    return found["system"] + (f":{found['variant']}" if found["variant"] else "")
 
 
 def time_words(found: Mapping[str, Any]) -> str:

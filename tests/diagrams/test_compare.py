@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -244,6 +245,16 @@ def test_markdown_of_several_systems(capsys):
     rows = [line for line in lines if line.startswith("| ")]
     assert len({line.count("|") for line in rows}) == 1 and len(rows) == 1 + 2 * (1 + 2)
     assert "**bearing_crossing**" in out and "3 trials, seed 0" in out and "Python" in out
+
+
+def test_variants_are_told_apart_in_markdown(capsys):
+    variants = ["bearing_crossing", "bearing_crossing:northbound"]
+    status, out, err = in_process(
+        capsys, "compare", *variants, "--trials", "2", "--format", "markdown", "--estimator", "ekf"
+    )
+    assert status == 0, err
+    assert "**bearing_crossing:northbound**" in out
+    assert re.search(r"; bearing_crossing \d+ s, bearing_crossing:northbound \d+ s\.", out)
 
 
 MISTAKES = [

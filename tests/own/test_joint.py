@@ -183,6 +183,14 @@ MISTAKES = {
         {"belief.sensors": "{tdoa: !Joint {}}"},
         "belief.sensors.tdoa: !Joint is not allowed; sensors.sensor.kinds.tdoa is a !Tdoa",
     ),
+    "a belief in another rate": (
+        {"belief.sensors": "{tdoa: !Tdoa {every_s: 7}}"},
+        "belief.sensors.tdoa.every_s: another one than the sensor's is not allowed",
+    ),
+    "a belief in errors": (
+        {"belief.sensors": "{tdoa: !Tdoa {errors: {drop_out_rate: 0.5}}}"},
+        "belief.sensors.tdoa.errors: another one than the sensor's is not allowed",
+    ),
     "a belief in other rows": (
         {"belief.sensors": "{tdoa: !Tdoa {receivers: [s2]}}"},
         "belief.sensors.tdoa: rows ['tdoa_s2_s0'] are not allowed",

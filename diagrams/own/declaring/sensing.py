@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, cast
 
 from diagrams.own.fields.kinds import Kind, Phase
@@ -218,6 +218,8 @@ def _measured(name: str, field: Sensor, scenario: OwnScenario, places: Places) -
     whole = beliefs.get(name)
     if whole is not None and (not isinstance(whole, Joint) or set(whole.kinds) != set(field.kinds)):
         raise UserError(f"belief.sensors.{name}: it is not as sensors.{name}; a !Joint of {', '.join(field.kinds)}")
+    if isinstance(whole, Joint):
+        _check_timed_alike(whole, field, f"belief.sensors.{name}")
     found = []
     for kind, part in field.kinds.items():
         _check_name(kind, f"{where}.kinds", scenario)
@@ -247,12 +249,27 @@ def _kind(
         assumed, path = beliefs[name], f"{path}.{name}"
         if isinstance(assumed, Joint):
             raise UserError(f"{path}: !Joint is not allowed; {where} is a !{type(field).__name__}")
+        if isinstance(assumed, Timed):
+            _check_timed_alike(assumed, timed, path)
         if isinstance(assumed, Phase) and isinstance(field, Phase):
             _check_resolved_alike(assumed, field, path, where)
         believed = _model(assumed, places, path)
     if list(believed.names) != list(real.names):
         raise UserError(f"{path}: rows {list(believed.names)} are not allowed; the sensor has {list(real.names)}")
     return Measured(name, where, field, timed, real, believed, links)
+
+
+def _check_timed_alike(assumed: Timed, timed: Timed, path: str) -> None:
+    """Refuse a belief about when something is measured and what spoils it, which would be silently left out.
+
+    A field that is not given has its default, which may be another than the sensor's.
+    """
+    usual = Timed()
+    for one in fields(Timed):
+        value = getattr(assumed, one.name)
+        if value not in (getattr(usual, one.name), getattr(timed, one.name)):
+            words = "estimators know when a row is there, and of no errors: it is said of the sensor alone"
+            raise UserError(f"{path}.{one.name}: another one than the sensor's is not allowed; {words}")
 
 
 def _check_resolved_alike(assumed: Phase, field: Phase, path: str, where: str) -> None:
