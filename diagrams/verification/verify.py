@@ -10,6 +10,7 @@ from typing import Any
 
 from diagrams.assembly.source import beside
 from diagrams.schema.errors import UserError
+from diagrams.schema.origins import Origins
 from diagrams.statistics.sequential import FAILS, UNDECIDED, WORDS, judge
 from diagrams.studies.result_schema import SCHEMA_VERSION
 from diagrams.verification.specification import Requirement, Specification, read_specification
@@ -203,14 +204,16 @@ class Verification:
 
     def _study(self, case: str) -> GrowingStudy:
         if case not in self._studies:
-            where = f"{self.path.name}: " + (f"case {case}: " if case else "")
+            where = f"case {case}: " if case else ""
             with beside(self.path.parent):
                 try:
                     self._studies[case] = GrowingStudy(
                         self.specification, self.path, case, self.looks, self.seed, self._progress
                     )
                 except ValueError as error:  # a block says what is wrong with its arguments in the user's words
-                    raise UserError(f"{where}{error}") from error
+                    own = str(error).startswith("requirements.")
+                    place = Origins([self.path]).place(str(error)) if own else self.path.name
+                    raise UserError(f"{place}: {where}{error}") from error
         return self._studies[case]
 
     def judge(self, requirement: Requirement) -> Finding:

@@ -196,6 +196,10 @@ def test_a_requirements_file_is_told_with_its_line(capsys, folder):
     number = next(i for i, line in enumerate(text.splitlines(), 1) if "percent: 190" in line)
     said = refused(capsys, "verify", "r.requirements.yaml")
     assert re.match(rf"r.requirements.yaml:{number}: requirements.1.metric.percent: 190 is not allowed", said)
+    # what only the built system knows
+    (folder / "r.requirements.yaml").write_text(text.replace("percent: 190, time_s: 120", "percent: 90, time_s: 121"))
+    said = refused(capsys, "verify", "r.requirements.yaml")
+    assert said.startswith(f"r.requirements.yaml:{number}: case as_it_is: requirements.1.metric.time_s: 121 is not ")
 
 
 @pytest.mark.parametrize("option", ["--seed", "--first-trial", "--trials"])
