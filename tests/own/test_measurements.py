@@ -159,3 +159,17 @@ def test_by_the_command_line_and_without_a_truth(tmp_path, monkeypatch):
     # the estimate is near to the drone, which the run did not know
     truth = open_result("o")["truth"].values[-1, :3]
     assert np.linalg.norm(estimate[:3] - truth) < 4 * np.sqrt(last["cov_x_x"] + last["cov_y_y"] + last["cov_z_z"])
+
+
+def test_sigmas_that_cannot_cover_the_residuals_are_told(written, tmp_path):
+    _, path = written
+    rows = [[*row[:-1], repr(float(row[-1]) / 5) if row[-1] else ""] for row in rows_of(path)]
+    small = tmp_path / "small.csv"
+    small.write_text("\n".join(",".join(row) for row in [HEAD, *rows]) + "\n")
+    common = ["run", DRONE.as_posix(), "--estimator", "iekf", "--set", "duration_s=30", "--measurements"]
+    told = CliRunner().invoke(app, [*common, str(small)]).output
+    assert "0: the claimed sigmas cannot cover" in told
+    # written with sigmas a fifth of those that the noise was drawn with
+    found = float(told.split("iekf, which are ")[1].split(" times")[0])
+    assert found == pytest.approx(5.0, abs=1.5)
+    assert "cannot cover" not in CliRunner().invoke(app, [*common, str(path)]).output

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from diagrams.console.tables import Column, Styled, Table, three_digits
 from diagrams.quantities.frame import frame_of
@@ -25,6 +26,7 @@ __all__ = ["MeasuredReport", "Told", "measured_report"]
 
 Array = NDArray[np.float64]
 
+_UNCOVERED = 1.5  # times as large as believed
 _MOST = 20  # targets in the table that is printed; all are in summary.json
 
 
@@ -47,6 +49,9 @@ class Told:
         Sum of the NIS over its degrees of freedom: 1 where residuals are as large as they are believed to be.
     low, high : float or None
         Where that lies in 95 of 100 runs if they are.
+    larger : float or None
+        How many times as large as believed residuals are in the middle of the epochs: the root of the median of the NIS
+        over its median if they are as believed. A start that is off, or one gross error, does not count.
     """
 
     estimator: str
@@ -59,6 +64,7 @@ class Told:
     nis: float | None
     low: float | None
     high: float | None
+    larger: float | None
 
 
 def measured_report(
@@ -114,6 +120,7 @@ def _told(one: xr.Dataset, name: str, target: str, time: Array) -> Told:
         float(nis[used].sum() / total) if total else None,
         low if total else None,
         high if total else None,
+        float(np.sqrt(np.median(nis[used] / chi2.median(freedom[used])))) if total else None,
     )
 
 
@@ -186,6 +193,7 @@ class MeasuredReport:
             for one in self.told
             if one.time is None
         ]
+        lines += [_uncovered(one) for one in self.told if _too_large(one)][:_MOST]
         if not self.known:
             lines.append("nobody knows where the target was: no errors, only what the estimators say of themselves")
         return [*lines, *([self.note] if self.note and not self.known else [])]
@@ -205,6 +213,22 @@ class MeasuredReport:
             *write_estimates(estimate_columns(self.result, self.began), folder),
             *write_tracks(self.result, self.began, folder),
         ]
+
+
+def _too_large(one: Told) -> bool:
+    """Return whether residuals are larger than what is believed of them: by more than chance, and much."""
+    if one.nis is None or one.high is None or one.larger is None:
+        return False
+    return one.nis > one.high and one.larger > _UNCOVERED
+
+
+def _uncovered(one: Told) -> str:
+    times = one.larger or 0.0
+    return (
+        f"{one.target}: the claimed sigmas cannot cover the residuals of {one.estimator}, which are {times:.2g} times "
+        f"as large as it believes: its ± are too small. If it is the measurements, sigmas {times:.2g} times as large "
+        "cover them; else it is how the target moves, its start, or the platforms"
+    )
 
 
 def _cells(one: Told, places: int, sigmas: int) -> list[str | Styled]:
@@ -229,4 +253,5 @@ def _entry(one: Told) -> dict[str, Any]:
         "nis_per_dof": one.nis,
         "nis_per_dof_low": one.low,
         "nis_per_dof_high": one.high,
+        "residuals_over_believed": one.larger,
     }
