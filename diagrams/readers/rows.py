@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -100,17 +101,21 @@ def _decodes(line: bytes) -> bool:
 
 def _lines(path: Path, content: bytes, known: Names, words: str) -> Iterator[Chunk]:
     stream = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline="")
-    skipped, header = 0, ""
+    skipped, header, remark = 0, "", ""
+    rest: Iterable[str] = stream
     for line in stream:
         skipped += 1
         if line.strip() and not line.startswith("#"):
             header = line
             break
+        remark = line if line.strip() else remark
+    if header and remark and not _split(header, known) and _split(remark[1:], known):  # names behind a '#'
+        header, rest, skipped = remark[1:], chain([header], stream), skipped - 1
     if not header.strip():
         raise broken(path, None, f"it is empty; a line of names and rows below it: {words}")
     delimiter, names = _header(path, skipped, header, known, words)
     notes = [] if content.endswith((b"\n", b"\r")) else [_unended(path)]
-    reader = csv.reader(stream, delimiter=delimiter, skipinitialspace=True, strict=True)
+    reader = csv.reader(rest, delimiter=delimiter, skipinitialspace=True, strict=True)
     rows: list[list[str]] = []
     lines: list[int] = []
     total = 0
@@ -140,6 +145,18 @@ def _lines(path: Path, content: bytes, known: Names, words: str) -> Iterator[Chu
         raise broken(path, skipped + reader.line_num, f"it cannot be read ({error})") from error
     if rows or not total:
         yield _columns(names, lines, rows, notes)
+
+
+def _split(header: str, known: Names) -> bool:
+    """Return whether a line holds the names that are needed, with any delimiter."""
+    for delimiter in _DELIMITERS:
+        try:
+            fields = next(csv.reader([header.strip()], delimiter=delimiter, skipinitialspace=True), [])
+        except csv.Error:
+            continue
+        if known([field.strip().lower() for field in fields]):
+            return True
+    return False
 
 
 def _unended(path: Path) -> str:

@@ -228,3 +228,15 @@ def test_a_file_cut_anywhere_is_no_traceback(capsys, tmp_path):
         status, shown = quietfix(capsys, file, "--tle", tle, "--station", PLACE)
         assert status in (0, 2), shown
         assert status == 0 or len(shown.splitlines()) == 1
+
+
+def test_names_may_stand_behind_a_number_sign(capsys, recorded, tmp_path):
+    folder = recorded("doptrack_delfic3")
+    about = folder / "Delfi-C3_32789_202004072055.yml"
+    lines = [line.split(": ", 1)[1] for line in about.read_text().splitlines() if "line1" in line or "line2" in line]
+    tle = tmp_path / "delfi.tle"
+    tle.write_text("\n".join([*lines, *OBJECTS[90001], *OBJECTS[90003]]) + "\n")
+    epoch = next(line.split(": ", 1)[1] for line in about.read_text().splitlines() if "epoch" in line)
+    common = "--tle", tle, "--station", about, "--carrier-mhz", 145.868, "--start", epoch.replace(" ", "T") + "Z"
+    _, shown = quietfix(capsys, about.with_suffix(".csv"), *common)
+    assert "identified: 32789" in shown
