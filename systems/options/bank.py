@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angles.relative_kinematics import ROWS, RelativeKinematics
+from systems.angles.relative_kinematics import RelativeKinematics
 from systems.documented import count, number
 from systems.estimators.base import Estimator
 from systems.estimators.hypothesis_bank import HypothesisBank
@@ -57,7 +57,7 @@ class RootsStart(Start):
         self._equation = ranging_equation(sensor)
         assert isinstance(sensor, RelativeKinematics)  # or there would be no equation
         self._observer, self._sigmas = sensor.observer, sensor.sigmas
-        self._rows = [list(stream).index(row) for row in ROWS]
+        self._rows = [list(stream).index(row) for row in sensor.names]  # in the order of `ROWS`, by whatever names
         self._inflation = positive(inflation, "inflation", "")
         self._minimum_height = minimum_height
 

@@ -268,3 +268,26 @@ def test_a_target_that_nobody_sees():
         UserError, match=r"sensors\.doppler\.minimum_elevation_deg: 5 is not allowed; no platform ever sees"
     ):
         study("beacon.yaml", 1, {"target.longitude_deg": -160})
+
+
+S2S = """
+frame: inertial
+duration_s: 300
+platforms: {watcher: !Kepler {semi_major_axis_km: 7000, inclination_deg: 50}}
+target: !Kepler {semi_major_axis_km: 7100, inclination_deg: 51, true_anomaly_deg: 2}
+sensors:
+  rel: !Relative {sigma_azimuth_rate_degps: 0.001, sigma_elevation_rate_degps: 0.001,
+    sigma_radial_velocity_mps: 1, sigma_radial_acceleration_mps2: 0.01, every_s: 10}
+belief: {motion: !Orbital {}}
+start: !Prior {sigma_position_m: 5000, sigma_velocity_mps: 10}
+estimators: {bank: !Bank {}}
+"""
+
+
+def test_the_bank_of_roots_takes_the_six_rows_by_their_names(tmp_path):
+    (tmp_path / "s2s.yaml").write_text(S2S)
+    result = run_study(str(tmp_path / "s2s.yaml"), trials=8)
+    nees = result["nees"].sel(estimator="bank").values[:, 1:]
+    assert 0.3 < np.median(nees) / 5.35 < 3.0  # median of chi2(6) is 5.35; 8 trials of the root that is right
+    with pytest.raises(UserError, match="ra_paper: it needs preview, which nothing in this system gives"):
+        run_study(str(tmp_path / "s2s.yaml"), estimators=["ra_paper"], trials=2)
