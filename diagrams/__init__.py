@@ -8,12 +8,12 @@ from typing import Any
 __all__ = ["Source", "System", "find", "load_scenario", "run_study", "systems"]
 
 _WHERE = {
-    "Source": "diagrams.readers.data",
-    "System": "diagrams.assembly.system",
-    "find": "diagrams.assembly.find",
-    "load_scenario": "diagrams.commands.catalogue",
-    "run_study": "diagrams.studies.whole",
-    "systems": "diagrams.assembly.find",
+    "Source": "quietfix.diagrams.readers.data",
+    "System": "quietfix.diagrams.assembly.system",
+    "find": "quietfix.diagrams.assembly.find",
+    "load_scenario": "quietfix.diagrams.commands.catalogue",
+    "run_study": "quietfix.diagrams.studies.whole",
+    "systems": "quietfix.diagrams.assembly.find",
 }
 
 
@@ -21,4 +21,4 @@ def __getattr__(name: str) -> Any:
     """Import on first use: the command line must answer before Drake is loaded."""
     if name in _WHERE:
         return getattr(importlib.import_module(_WHERE[name]), name)
-    raise AttributeError(f"module 'diagrams' has no attribute {name!r}")
+    raise AttributeError(f"module 'quietfix.diagrams' has no attribute {name!r}")

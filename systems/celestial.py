@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.constants import EARTH_RATE
+from quietfix.systems.constants import EARTH_RATE
 
 __all__ = ["equinox_to_earth_fixed", "j2000_to_earth_fixed"]
 

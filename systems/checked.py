@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.registry import blamed, in_one_line, object_at
+from quietfix.systems.registry import blamed, in_one_line, object_at
 
 __all__ = ["Checked", "disagreement", "made", "state_steps"]
 

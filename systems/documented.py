@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.constants import SPEED_OF_LIGHT
 
 __all__ = ["Allowed", "choice", "count", "documented", "number", "refusal", "text"]
 

@@ -6,7 +6,7 @@ import os
 import stat
 from pathlib import Path
 
-from systems.counting import tally
+from quietfix.systems.counting import tally
 
 __all__ = ["Unreadable", "read_bytes", "read_text", "regular_size"]
 

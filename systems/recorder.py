@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, ValueProducer
 
-from systems.clocks import Clock, at_ticks, same_instant
-from systems.signals import EnsembleBlock
+from quietfix.systems.clocks import Clock, at_ticks, same_instant
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["Log", "Recorder", "record"]
 

@@ -13,22 +13,22 @@ from typing import Any
 __all__ = ["ESTIMATORS", "blamed", "estimator_options", "in_one_line", "lines_of", "object_at"]
 
 ESTIMATORS: dict[str, str] = {
-    "iekf": "systems.options.iekf:Iekf",
-    "ekf": "systems.options.ekf:Ekf",
-    "ukf": "systems.options.ukf:Ukf",
-    "pf": "systems.options.pf:Pf",
-    "pf_sir": "systems.options.pf_sir:PfSir",
-    "iekf_hypotheses": "systems.options.iekf_hypotheses:IekfHypotheses",
-    "mgekf": "systems.options.mgekf:Mgekf",
-    "range_bank": "systems.options.range_bank:RangeBank",
-    "crossing": "systems.options.crossing:Crossing",
-    "ml": "systems.options.ml:Ml",
-    "ukf_unaugmented": "systems.options.beacon:UkfUnaugmented",
-    "ukf_monitored": "systems.options.beacon:UkfMonitored",
-    "ra": "systems.options.range_decomposed:Ra",
-    "ra_paper": "systems.options.range_decomposed:RaPaper",
-    "bank": "systems.options.bank:Bank",
-    "custom": "systems.options.custom:Custom",
+    "iekf": "quietfix.systems.options.iekf:Iekf",
+    "ekf": "quietfix.systems.options.ekf:Ekf",
+    "ukf": "quietfix.systems.options.ukf:Ukf",
+    "pf": "quietfix.systems.options.pf:Pf",
+    "pf_sir": "quietfix.systems.options.pf_sir:PfSir",
+    "iekf_hypotheses": "quietfix.systems.options.iekf_hypotheses:IekfHypotheses",
+    "mgekf": "quietfix.systems.options.mgekf:Mgekf",
+    "range_bank": "quietfix.systems.options.range_bank:RangeBank",
+    "crossing": "quietfix.systems.options.crossing:Crossing",
+    "ml": "quietfix.systems.options.ml:Ml",
+    "ukf_unaugmented": "quietfix.systems.options.beacon:UkfUnaugmented",
+    "ukf_monitored": "quietfix.systems.options.beacon:UkfMonitored",
+    "ra": "quietfix.systems.options.range_decomposed:Ra",
+    "ra_paper": "quietfix.systems.options.range_decomposed:RaPaper",
+    "bank": "quietfix.systems.options.bank:Bank",
+    "custom": "quietfix.systems.options.custom:Custom",
 }
 """Options class of each estimator, as ``module:Class``."""
 

@@ -38,7 +38,7 @@ __all__ = ["Component", "Constant", "Draw", "EnsembleBlock", "components_of", "e
 
 _ADDRESS = re.compile(r"@[0-9a-f]{16}$")  # the end of the name that Drake gives to what has none
 _NOT_SET = [-1.0, -1.0]  # seed and first trial
-_NO_SEED = "seed: it was not set; seed 0 and trials from 0 on are drawn. systems.signals.set_draw sets it"
+_NO_SEED = "seed: it was not set; seed 0 and trials from 0 on are drawn. quietfix.systems.signals.set_draw sets it"
 _LARGEST_EXACT = 2**53  # seed and first trial travel as doubles
 
 

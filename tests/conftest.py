@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from diagrams.console import tables
-from diagrams.console.tables import Table
+from quietfix.diagrams.console import tables
+from quietfix.diagrams.console.tables import Table
 
 # Also where pytest is started without make; set before NumPy and Matplotlib are imported.
 os.environ.setdefault("OMP_NUM_THREADS", "1")

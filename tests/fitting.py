@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from itertools import pairwise
 
-from diagrams.console.tables import Column, Table, rendered
+from quietfix.diagrams.console.tables import Column, Table, rendered
 
 WIDTHS = (60, 80, 100, 132, 200)
 

@@ -116,18 +116,19 @@ def test_wheel_holds_every_module_and_scenario(project, project_root, tmp_path):
     source.mkdir()
     for name in ("pyproject.toml", "LICENSE", "README.md"):
         shutil.copy(project_root / name, source)
-    for package in PACKAGES:
-        shutil.copytree(project_root / package, source / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for package in ("quietfix", *PACKAGES):
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(project_root / package, source / package, symlinks=True, ignore=ignored)
     command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "."]
     subprocess.run(command, cwd=source, check=True, stdin=subprocess.DEVNULL)
     (wheel,) = source.glob("*.whl")
     assert wheel.name == f"{project['name']}-{project['version']}-py3-none-any.whl"
     held = set(zipfile.ZipFile(wheel).namelist())
     expected = {
-        path.relative_to(source).as_posix()
+        f"quietfix/{path.relative_to(source).as_posix()}"
         for package in PACKAGES
-        for pattern in ("*.py", "scenarios/*.yaml")
+        for pattern in ("*.py", "scenarios/*.yaml", "templates/*")
         for path in (source / package).rglob(pattern)
     }
-    assert expected <= held
-    assert not any(name.startswith("tests") for name in held)
+    assert expected | {"quietfix/__init__.py", "quietfix/__main__.py"} <= held
+    assert not any(name.startswith(("tests", "systems", "diagrams")) for name in held)

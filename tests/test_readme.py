@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import run_study
+from quietfix.diagrams import run_study
 
 PROJECT = Path(__file__).parents[1]
 BLOCKS = re.findall(r"```python\n(.*?)```", (PROJECT / "README.md").read_text(encoding="utf-8"), re.DOTALL)

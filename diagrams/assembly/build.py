@@ -8,16 +8,16 @@ from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.checks import check_assumed
-from diagrams.assembly.model import Assumed, Model
-from diagrams.schema.errors import UserError
-from systems.clocks import Clock
-from systems.counting import tally
-from systems.estimators.base import Estimator
-from systems.estimators.wiring import Wiring
-from systems.motion.base import MotionModel
-from systems.signals import EnsembleBlock, components_of
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.checks import check_assumed
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.clocks import Clock
+from quietfix.systems.counting import tally
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.signals import EnsembleBlock, components_of
 
 __all__ = ["Assembly", "build"]
 
@@ -230,7 +230,9 @@ def _estimator(model: Model, bus: Bus, name: str, options: Any) -> Estimator:
         raise UserError(f"estimators: the name {name} is not allowed; another block of the diagram has it")
     assumed: Assumed = model.assume(bus, name, options)
     if not isinstance(assumed, Assumed):
-        raise ValueError(f"{name}: assume returned {type(assumed).__name__}; diagrams.assembly.model.Assumed is needed")
+        raise ValueError(
+            f"{name}: assume returned {type(assumed).__name__}; quietfix.diagrams.assembly.model.Assumed is needed"
+        )
     takes = {"platforms": "known", **assumed.takes}
     carriers = bus.shape(takes["platforms"])
     check_assumed(name, assumed, carriers[1] // 6)

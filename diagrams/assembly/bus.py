@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, OutputPort, PortDataType, System
 
-from systems.signals import EnsembleBlock
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["Bus"]
 

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from diagrams.assembly.find import Found, fingerprint_of
-from diagrams.assembly.lineup import parts_of
-from diagrams.assembly.source import is_users
-from diagrams.readers.data import data_folder
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.assembly.find import Found, fingerprint_of
+from quietfix.diagrams.assembly.lineup import parts_of
+from quietfix.diagrams.assembly.source import is_users
+from quietfix.diagrams.readers.data import data_folder
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["changed", "companions"]
 

@@ -14,7 +14,7 @@ from textwrap import fill
 import pydot
 from pydrake.systems.framework import System
 
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["diagram_dot", "draw", "find_graphviz", "is_drawing"]
 

@@ -15,31 +15,31 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from diagrams.assembly.model import Model
-from diagrams.assembly.source import blaming, import_file, import_module
-from diagrams.assembly.system import System
-from diagrams.schema.errors import UserError, choose, in_users_words, shown
-from diagrams.schema.origins import origins_of
-from systems.files import Unreadable, read_bytes
-from systems.registry import in_one_line, object_at
+from quietfix.diagrams.assembly.model import Model
+from quietfix.diagrams.assembly.source import blaming, import_file, import_module
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.schema.errors import UserError, choose, in_users_words, shown
+from quietfix.diagrams.schema.origins import origins_of
+from quietfix.systems.files import Unreadable, read_bytes
+from quietfix.systems.registry import in_one_line, object_at
 
 __all__ = ["FORMS", "GROUP", "PACKAGED", "RECORDINGS", "Found", "find", "fingerprint_of", "read_own", "systems"]
 
 PACKAGED: dict[str, str] = {
-    "three_satellite": "diagrams.library.three_satellite:SYSTEM",
-    "bearing_crossing": "diagrams.library.bearing_crossing:SYSTEM",
-    "beacon_rocket": "diagrams.library.beacon_rocket:SYSTEM",
-    "satellite_ranging": "diagrams.library.satellite_ranging:SYSTEM",
-    "dual_satellite": "diagrams.library.dual_satellite:SYSTEM",
+    "three_satellite": "quietfix.diagrams.library.three_satellite:SYSTEM",
+    "bearing_crossing": "quietfix.diagrams.library.bearing_crossing:SYSTEM",
+    "beacon_rocket": "quietfix.diagrams.library.beacon_rocket:SYSTEM",
+    "satellite_ranging": "quietfix.diagrams.library.satellite_ranging:SYSTEM",
+    "dual_satellite": "quietfix.diagrams.library.dual_satellite:SYSTEM",
 }
 """Where each system that comes with Quietfix is, as ``module:NAME``; a new one is one line here."""
 
 RECORDINGS: dict[str, str] = {
-    "locards": "diagrams.recorded.locards:SYSTEM",
-    "doptrack": "diagrams.recorded.doptrack:SYSTEM",
-    "kiwisdr": "diagrams.recorded.kiwisdr:SYSTEM",
-    "bearings": "diagrams.recorded.bearings:SYSTEM",
-    "iq": "diagrams.recorded.iq:SYSTEM",
+    "locards": "quietfix.diagrams.recorded.locards:SYSTEM",
+    "doptrack": "quietfix.diagrams.recorded.doptrack:SYSTEM",
+    "kiwisdr": "quietfix.diagrams.recorded.kiwisdr:SYSTEM",
+    "bearings": "quietfix.diagrams.recorded.bearings:SYSTEM",
+    "iq": "quietfix.diagrams.recorded.iq:SYSTEM",
 }
 """Where each recording is; likewise."""
 
@@ -49,7 +49,7 @@ GROUP = "quietfix.systems"
 FORMS = "or package.module:OBJECT, FILE.py:OBJECT or FILE.yaml for one of your own"
 
 _OURS = {**PACKAGED, **RECORDINGS}
-_OWN = "diagrams.own.system:own_system"  # named, not imported: the room of the systems is above this one
+_OWN = "quietfix.diagrams.own.system:own_system"  # named, not imported: the room of the systems is above this one
 
 _PYTHON_FILE = re.compile(r"(?P<file>.+\.py)(?::(?P<object>[^:]*))?(?::(?P<variant>[^:]*))?", re.DOTALL)
 _YAML_FILE = re.compile(r"(?P<file>.+\.ya?ml)(?::(?P<variant>[^:]*))?", re.DOTALL)
@@ -270,7 +270,7 @@ def _object(module: ModuleType, where: str, name: str | None) -> System:
     if not isinstance(found, System):
         kind = "class" if isinstance(found, type) else type(found).__name__
         raise UserError(
-            f"system: {where}:{name} is not allowed; it is of type {kind}, an object of diagrams.System is needed; "
+            f"system: {where}:{name} is not allowed; it is of type {kind}, an object of quietfix.System is needed; "
             f"there are {', '.join(there) or 'none'}"
         )
     return found

@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from diagrams.schema.errors import UserError, choose, texts
-from systems.registry import ESTIMATORS, object_at
+from quietfix.diagrams.schema.errors import UserError, choose, texts
+from quietfix.systems.registry import ESTIMATORS, object_at
 
 __all__ = ["check_names", "estimator_key", "parts_of", "refuse_classes", "select_estimators"]
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.quantities.frame import EARTH_FIXED, Frame
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
+from quietfix.diagrams.quantities.frame import EARTH_FIXED, Frame
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -80,9 +80,9 @@ class BoundMap:
     present : ndarray of bool, shape (points, time, m), optional
         Which rows are measured.
     quantities : tuple of str
-        Of `diagrams.statistics.state_errors.QUANTITIES`.
+        Of `quietfix.diagrams.statistics.state_errors.QUANTITIES`.
     frame : Frame, or its name
-        See `diagrams.assembly.model.Model`.
+        See `quietfix.diagrams.assembly.model.Model`.
     equal : bool
         Whether both axes are lengths, to be drawn at the same scale.
     judged : sequence of str, optional
@@ -117,7 +117,7 @@ class BoundMap:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Which part of space the default map of a system shows; None: what `diagrams.maps.default` makes of it.
+    """Which part of space the default map of a system shows; None: what `quietfix.diagrams.maps.default` makes of it.
 
     Parameters
     ----------

@@ -6,17 +6,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.map import BoundMap, View
-from diagrams.assembly.recorded import Recorded
-from diagrams.quantities.frame import EARTH_FIXED, Frame, as_frame
-from systems.clocks import Clock
-from systems.estimators.base import Estimator
-from systems.estimators.wiring import Tails
-from systems.integration import LONGEST_STEP
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.starts.start import Start
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.map import BoundMap, View
+from quietfix.diagrams.assembly.recorded import Recorded
+from quietfix.diagrams.quantities.frame import EARTH_FIXED, Frame, as_frame
+from quietfix.systems.clocks import Clock
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.wiring import Tails
+from quietfix.systems.integration import LONGEST_STEP
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.start import Start
 
 __all__ = ["Assumed", "Model", "Part"]
 
@@ -68,7 +68,7 @@ class Assumed:
 
 @dataclass(frozen=True)
 class Model:
-    """A scenario, declared: `diagrams.assembly.build` makes the diagram of it.
+    """A scenario, declared: `quietfix.diagrams.assembly.build` makes the diagram of it.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Model:
     platforms : sequence of str, optional
         Names of what carries the sensors, in the order of the signal ``platforms``; by default ``platform_0`` ...
     frame : Frame, or its name
-        Axes of states and platforms, of `diagrams.quantities.frame.FRAMES`; `axes` is the frame itself.
+        Axes of states and platforms, of `quietfix.diagrams.quantities.frame.FRAMES`; `axes` is the frame itself.
     truth_states : sequence of str, optional
         Names of the components on ``truth``; by default those of `truth_motion` or of the target's own motion model.
     signals : mapping of str to str
@@ -106,12 +106,12 @@ class Model:
     widest : int, optional
         Most trials at once, where blocks need much memory of their own for each.
     step : float
-        The longest step of the integration of blocks with continuous states [s]; see `systems.integration`.
+        The longest step of the integration of blocks with continuous states [s]; see `quietfix.systems.integration`.
     recorded : Recorded, optional
         What makes it a recording: measurements are played, not simulated.
     map : callable, optional
         ``() -> BoundMap``: where targets may be and what their bound depends on, for ``quietfix gdop``; by default
-        those of `diagrams.maps.default`.
+        those of `quietfix.diagrams.maps.default`.
     view : View, optional
         What those show.
     """

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.clocks import Clock
+from quietfix.systems.clocks import Clock
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from diagrams.console.tables import Table
+    from quietfix.diagrams.console.tables import Table
 
 __all__ = ["Recorded", "Report"]
 
@@ -48,7 +48,8 @@ class Recorded:
     tracks : sequence of str
         Names of the tracks; each is a trial of a study. One: the clock of the model is its own.
     clocks : sequence of Clock
-        Where there are several, when each is played; blocks that play them are `systems.playback.tracks.Tracked`.
+        Where there are several, when each is played; blocks that play them are
+        `quietfix.systems.playback.tracks.Tracked`.
     times : sequence of ndarray
         The same epochs in the time of the recording [s].
     report : callable, optional

@@ -14,17 +14,18 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import diagrams
-import systems
-from diagrams.schema.errors import UserError
-from systems.estimators.base import Estimator
-from systems.files import Unreadable, read_bytes
-from systems.options.custom import Custom
-from systems.registry import in_one_line
+import quietfix.diagrams
+import quietfix.systems
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.files import Unreadable, read_bytes
+from quietfix.systems.options.custom import Custom
+from quietfix.systems.registry import in_one_line
 
 __all__ = ["beside", "blaming", "import_file", "import_module", "is_users", "line_of", "look_in"]
 
-_OURS = tuple(str(Path(str(package.__file__)).resolve().parent) for package in (diagrams, systems))
+_INITS = [Path(str(package.__file__)) for package in (quietfix.diagrams, quietfix.systems)]
+_OURS = tuple(str(folder) for file in _INITS for folder in (file.parent, file.resolve().parent))  # a link, and its end
 _OTHERS = tuple(
     str(Path(sysconfig.get_path(name)).resolve()) for name in ("stdlib", "platstdlib", "purelib", "platlib")
 )

@@ -12,17 +12,17 @@ from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from diagrams.assembly.build import Assembly, build
-from diagrams.assembly.checks import check_model
-from diagrams.assembly.lineup import check_names, refuse_classes, select_estimators
-from diagrams.assembly.model import Model
-from diagrams.readers.data import Source
-from diagrams.schema.errors import UserError, choose, texts
-from diagrams.schema.origins import Origins
-from diagrams.schema.reading import check_annotations
-from diagrams.schema.scenario import apply_setting, check_object, dump, load, merge, read_yaml
-from systems.clocks import Periodic
-from systems.counting import tally
+from quietfix.diagrams.assembly.build import Assembly, build
+from quietfix.diagrams.assembly.checks import check_model
+from quietfix.diagrams.assembly.lineup import check_names, refuse_classes, select_estimators
+from quietfix.diagrams.assembly.model import Model
+from quietfix.diagrams.readers.data import Source
+from quietfix.diagrams.schema.errors import UserError, choose, texts
+from quietfix.diagrams.schema.origins import Origins
+from quietfix.diagrams.schema.reading import check_annotations
+from quietfix.diagrams.schema.scenario import apply_setting, check_object, dump, load, merge, read_yaml
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.counting import tally
 
 __all__ = ["Layer", "System", "packaged"]
 
@@ -45,7 +45,7 @@ class System:
         One line.
     scenario : type
         Dataclass of its scenario, with the field ``estimators``: options by name, as a mapping of str to
-        `systems.registry.estimator_options`.
+        `quietfix.systems.registry.estimator_options`.
     declare : callable
         ``declare(scenario) -> Model``.
     base : mapping or Path
@@ -217,7 +217,9 @@ class System:
         tally("declared")
         model = self.declare(scenario)
         if not isinstance(model, Model):
-            raise ValueError(f"declare: it returned {type(model).__name__}; diagrams.assembly.model.Model is needed")
+            raise ValueError(
+                f"declare: it returned {type(model).__name__}; quietfix.diagrams.assembly.model.Model is needed"
+            )
         check_model(model)
         if isinstance(model.clock, Periodic) and not model.duration <= _MOST_EPOCHS * model.clock.period:
             raise ValueError(
@@ -234,7 +236,7 @@ class System:
     def diagram(
         self, scenario: Any = None, trials: int = 1, set: Sequence[str] | Mapping[str, Any] | None = None
     ) -> Diagram:
-        """Return the finished diagram, to simulate by hand; `systems.signals.set_draw` gives its context a seed.
+        """Return the finished diagram, to simulate by hand; `set_draw` gives its context a seed.
 
         To add blocks of your own, call `build` with your own builder: it returns the `Assembly`, on whose ``bus`` every
         signal is.
@@ -260,7 +262,7 @@ class System:
 
 def packaged(name: str) -> dict[str, Any]:
     """Return base and variants of a system that comes with Quietfix: ``scenarios/NAME.yaml``, ``NAME.VARIANT.yaml``."""
-    folder = Path(str(files("diagrams.library"))) / "scenarios"
+    folder = Path(str(files("quietfix.diagrams.library"))) / "scenarios"
     variants = {path.name.split(".")[1]: path for path in sorted(folder.glob(f"{name}.*.yaml"))}
     return {"base": folder / f"{name}.yaml", "variants": variants}
 

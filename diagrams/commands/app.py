@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from diagrams.commands.arguments import (
+from quietfix.diagrams.commands.arguments import (
     DATA,
     ESTIMATOR,
     MEASUREMENTS,
@@ -19,8 +19,8 @@ from diagrams.commands.arguments import (
     number,
     whole,
 )
-from diagrams.commands.replay_help import ReplayHelp
-from diagrams.identification.options import identify
+from quietfix.diagrams.commands.replay_help import ReplayHelp
+from quietfix.diagrams.identification.options import identify
 
 __all__ = ["app"]
 
@@ -64,10 +64,10 @@ def list_(
     ] = None,
 ) -> None:
     """List systems, variants and estimators."""
-    from diagrams.assembly.find import RECORDINGS
-    from diagrams.commands.listing import list_systems
-    from diagrams.console.terminal import say
-    from systems.registry import ESTIMATORS
+    from quietfix.diagrams.assembly.find import RECORDINGS
+    from quietfix.diagrams.commands.listing import list_systems
+    from quietfix.diagrams.console.terminal import say
+    from quietfix.systems.registry import ESTIMATORS
 
     list_systems(chosen)
     if chosen:
@@ -85,7 +85,7 @@ def new(
     python: Annotated[bool, typer.Option("--python", help="Write a Python module, NAME.py, instead.")] = False,
 ) -> None:
     """Write a system of your own to start from, NAME.yaml, and its requirements, NAME.requirements.yaml."""
-    from diagrams.commands.new import new_command
+    from quietfix.diagrams.commands.new import new_command
 
     new_command(name, template, python)
 
@@ -101,12 +101,12 @@ def show(
 
     With --schema, for an editor that completes and checks the file; without SYSTEM that of a system of one's own.
     """
-    from diagrams.commands.catalogue import load_scenario
-    from diagrams.schema.errors import UserError
-    from diagrams.schema.scenario import dump
+    from quietfix.diagrams.commands.catalogue import load_scenario
+    from quietfix.diagrams.schema.errors import UserError
+    from quietfix.diagrams.schema.scenario import dump
 
     if schema:
-        from diagrams.commands.json_schema import schema_text
+        from quietfix.diagrams.commands.json_schema import schema_text
 
         if settings or scenario is not None:
             raise UserError("--schema: it is not allowed with --set or --scenario; it is the same for all values")
@@ -163,7 +163,7 @@ def run(
 
     On measurements of your own also estimates.csv and estimates.parquet.
     """
-    from diagrams.commands.running import run_command
+    from quietfix.diagrams.commands.running import run_command
 
     asked = {
         "estimators": estimators,
@@ -218,7 +218,7 @@ def live(
 
     Lines have the columns of --measurements of `quietfix run`. What is wrong in them is left out, counted and told.
     """
-    from diagrams.live.command import Asked, live_command
+    from quietfix.diagrams.live.command import Asked, live_command
 
     asked = Asked(stdin, udp, follow, state, wait, lag, jump)
     live_command(system, asked, estimators, settings, scenario, platforms)
@@ -234,7 +234,7 @@ def draw(
     data: Annotated[list[Path] | None, DATA] = None,
 ) -> None:
     """Draw the block diagram as SVG or PNG."""
-    from diagrams.commands.running import draw_command
+    from quietfix.diagrams.commands.running import draw_command
 
     draw_command(system, estimators, settings, scenario, out, data)
 
@@ -248,7 +248,7 @@ def gdop(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace earlier maps in DIR.")] = False,
 ) -> None:
     """Map the bound over where the target may be, and print how large it is."""
-    from diagrams.commands.running import gdop_command
+    from quietfix.diagrams.commands.running import gdop_command
 
     gdop_command(system, settings, scenario, out, overwrite)
 
@@ -269,7 +269,7 @@ def observe(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
 ) -> None:
     """Say which directions of the state at the start the measurements can know, how well, and from when on."""
-    from diagrams.commands.running import observe_command
+    from quietfix.diagrams.commands.running import observe_command
 
     observe_command(system, estimators, window, settings, scenario, out, overwrite)
 
@@ -301,7 +301,7 @@ def compare(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
 ) -> None:
     """Compare estimators on one stream of measurements: errors, bounds, consistency, cost, who is the best."""
-    from diagrams.commands.comparing import compare_command
+    from quietfix.diagrams.commands.comparing import compare_command
 
     options = {"estimators": estimators, "trials": trials, "seed": seed, "set": settings, "scenario": scenario}
     compare_command(systems, options | {"data": data}, at, format_, out, overwrite)
@@ -331,7 +331,7 @@ def sweep(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
 ) -> None:
     """Vary one number of a scenario on the same noise: what a mismatch costs, and whether the covariance tells."""
-    from diagrams.commands.sweeping import sweep_command
+    from quietfix.diagrams.commands.sweeping import sweep_command
 
     options = {"estimators": estimators, "trials": trials, "seed": seed, "at": at, "set": settings}
     sweep_command(system, vary, options | {"scenario": scenario}, out, overwrite)
@@ -366,7 +366,7 @@ def replay(
     ] = None,
 ) -> None:
     """Run a recording: `quietfix run DATASET` in fewer words."""
-    from diagrams.commands.running import replay_command
+    from quietfix.diagrams.commands.running import replay_command
 
     asked = {"estimators": estimators, "settings": settings}
     replay_command(dataset, {k: v for k, v in asked.items() if v}, out, overwrite, data, file)
@@ -388,7 +388,7 @@ def verify(
 
     Exit status: 0 all hold; 1 one fails; 3 none fails, but one is undecided; 2 a mistake in the file; 130 Ctrl-C.
     """
-    from diagrams.commands.verifying import verify_command
+    from quietfix.diagrams.commands.verifying import verify_command
 
     raise typer.Exit(verify_command(file, trials, seed, out, overwrite))
 

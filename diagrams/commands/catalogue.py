@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from diagrams.assembly.find import Found, find
-from diagrams.assembly.system import System
+from quietfix.diagrams.assembly.find import Found, find
+from quietfix.diagrams.assembly.system import System
 
 __all__ = ["load_scenario", "variants"]
 
@@ -25,7 +25,7 @@ def load_scenario(
     Parameters
     ----------
     system : str or System
-        See `diagrams.assembly.find.find`.
+        See `quietfix.diagrams.assembly.find.find`.
     variant, file, settings, text, trust
         See `System.load`.
 
@@ -39,5 +39,5 @@ def load_scenario(
 
 
 def variants(system: str | System | Found) -> list[str]:
-    """Return the names of a system's variants; `system` as of `diagrams.assembly.find.find`."""
+    """Return the names of a system's variants; `system` as of `quietfix.diagrams.assembly.find.find`."""
     return sorted(find(system).system.variants)

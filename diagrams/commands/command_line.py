@@ -9,7 +9,7 @@ from typing import NoReturn
 import typer
 from typer.exceptions import TyperException
 
-from diagrams.commands.app import app
+from quietfix.diagrams.commands.app import app
 
 __all__ = ["app", "main"]
 
@@ -22,7 +22,7 @@ def _leave_the_pipe() -> NoReturn:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command; a user's mistake is one line on standard error and exit status 2."""
-    from diagrams.schema.errors import UserError
+    from quietfix.diagrams.schema.errors import UserError
 
     formatwarning, warnings.formatwarning = warnings.formatwarning, _format_warning
     sys.path.append("")  # a user's own class may lie in the folder where the command is given
@@ -58,7 +58,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _check_encoding(arguments: list[str]) -> None:
     """Refuse bytes that are no text: they can be neither printed nor put into a result."""
-    from diagrams.schema.errors import UserError
+    from quietfix.diagrams.schema.errors import UserError
 
     for i, argument in enumerate(arguments, 1):
         try:
@@ -76,7 +76,7 @@ def _format_warning(
 
 
 def _fail(message: str, status: int) -> NoReturn:
-    from diagrams.schema.errors import one_line
+    from quietfix.diagrams.schema.errors import one_line
 
     print(f"quietfix: {one_line(message)}", file=sys.stderr)
     sys.exit(status)

@@ -9,18 +9,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from diagrams.assembly.find import Found, find
-from diagrams.console.tables import Column, Styled, Table, lost, print_table, three_digits, with_interval
-from diagrams.console.terminal import say
-from diagrams.experiments.candidates import Lineup
-from diagrams.experiments.compare import prepare
-from diagrams.experiments.compared_study import ComparedStudy
-from diagrams.experiments.comparison import check_at, comparison_statistics
-from diagrams.schema.errors import UserError, choose
-from diagrams.studies.output import OutputFolder
-from diagrams.studies.recordings import with_data
-from diagrams.studies.results import open_result, write_summary
-from diagrams.studies.whole import join
+from quietfix.diagrams.assembly.find import Found, find
+from quietfix.diagrams.console.tables import Column, Styled, Table, lost, print_table, three_digits, with_interval
+from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.experiments.candidates import Lineup
+from quietfix.diagrams.experiments.compare import prepare
+from quietfix.diagrams.experiments.compared_study import ComparedStudy
+from quietfix.diagrams.experiments.comparison import check_at, comparison_statistics
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.diagrams.studies.output import OutputFolder
+from quietfix.diagrams.studies.recordings import with_data
+from quietfix.diagrams.studies.results import open_result, write_summary
+from quietfix.diagrams.studies.whole import join
 
 __all__ = ["FORMATS", "compare_command", "comparison_markdown", "comparison_table"]
 
@@ -83,10 +83,10 @@ def _one(study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | Non
     if out is None:
         found = comparison_statistics(join(list(study.chunks(progress=True))), study, chosen, at=at)
         return found | {"run_seconds": round(time.monotonic() - began, 3)}
-    from diagrams.figures import study_figures
-    from diagrams.figures.comparison import draw_comparison
-    from diagrams.figures.style import save
-    from diagrams.statistics.metrics import summarise
+    from quietfix.diagrams.figures import study_figures
+    from quietfix.diagrams.figures.comparison import draw_comparison
+    from quietfix.diagrams.figures.style import save
+    from quietfix.diagrams.statistics.metrics import summarise
 
     with OutputFolder(out, overwrite, "compare") as folder:
         try:
@@ -115,7 +115,7 @@ def _one(study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | Non
 
 
 def comparison_table(found: Mapping[str, Any]) -> Table:
-    """Return the table of one comparison, as `diagrams.experiments.compare.comparison_statistics` gives it."""
+    """Return the table of one comparison, as `quietfix.diagrams.experiments.compare.comparison_statistics` gives it."""
     name = _named(found)
     titles = (
         f"RMSE at {time_words(found)} [m]",

@@ -8,9 +8,9 @@ import typing
 from collections.abc import Mapping
 from typing import Any
 
-from diagrams.assembly.find import find
-from diagrams.own.fields.schema import OwnScenario
-from diagrams.schema.reading import Field, fields_of, options_of
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.schema.reading import Field, fields_of, options_of
 
 __all__ = ["json_schema", "schema_text"]
 

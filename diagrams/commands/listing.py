@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from diagrams.assembly.find import RECORDINGS, find, systems
-from diagrams.console.terminal import say
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.assembly.find import RECORDINGS, find, systems
+from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["list_systems"]
 

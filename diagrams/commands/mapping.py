@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from diagrams.assembly.map import BoundMap
-from diagrams.assembly.system import System
-from diagrams.maps.bounds import map_bounds
-from diagrams.maps.default import default_maps
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.assembly.map import BoundMap
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.maps.bounds import map_bounds
+from quietfix.diagrams.maps.default import default_maps
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["bound_maps", "map_figures", "print_map"]
 
@@ -52,7 +52,7 @@ def map_figures(system: System, scenario: Any, folder: Path | str, progress: boo
     UserError
         If the scenario cannot be built or mapped.
     """
-    from diagrams.figures.gdop import draw_gdop
+    from quietfix.diagrams.figures.gdop import draw_gdop
 
     found = []
     for of in bound_maps(system, scenario):
@@ -65,7 +65,7 @@ def map_figures(system: System, scenario: Any, folder: Path | str, progress: boo
 
 def print_map(dataset: xr.Dataset) -> None:
     """Print how large the bounds on a map are."""
-    from diagrams.console.tables import Column, Table, print_table
+    from quietfix.diagrams.console.tables import Column, Table, print_table
 
     attributes = dataset.attrs
     headings = ("points", "least", "10 % below", "median", "90 % below", "largest")

@@ -11,9 +11,9 @@ from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 
-from diagrams.console.terminal import say
-from diagrams.schema.errors import UserError, choose
-from diagrams.studies.output import undisturbed
+from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.diagrams.studies.output import undisturbed
 
 __all__ = ["TEMPLATES", "new_command", "new_files"]
 
@@ -65,7 +65,7 @@ def new_files(name: str, template: str = TEMPLATES[0], python: bool = False) -> 
     system = f"{name}.py" if python else f"{name}.yaml"
     stem = "system" if python else choose("--template", template, TEMPLATES)
     sources = {system: f"{stem}.py.txt" if python else f"{stem}.yaml", f"{name}.requirements.yaml": None}
-    folder = files("diagrams.commands") / "templates"
+    folder = files("quietfix.diagrams.commands") / "templates"
     texts = {}
     for file, source in sources.items():
         text = (folder / (source or f"{stem}.requirements.yaml")).read_text(encoding="utf-8")

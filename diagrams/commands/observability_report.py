@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from diagrams.assembly.find import Found
-from diagrams.console.tables import Column, Table, print_table
-from diagrams.console.terminal import say
-from diagrams.experiments.observability import Observability
-from diagrams.statistics.fisher_information import Spectrum
-from diagrams.studies.result_schema import SCHEMA_VERSION
+from quietfix.diagrams.assembly.find import Found
+from quietfix.diagrams.console.tables import Column, Table, print_table
+from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.experiments.observability import Observability
+from quietfix.diagrams.statistics.fisher_information import Spectrum
+from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
 
 __all__ = ["observability_summary", "print_observability"]
 

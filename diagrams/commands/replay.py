@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from diagrams.assembly.find import Found
-from diagrams.assembly.recorded import Report
-from diagrams.schema.errors import UserError
-from diagrams.studies.recordings import find_recording
+from quietfix.diagrams.assembly.find import Found
+from quietfix.diagrams.assembly.recorded import Report
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.recordings import find_recording
 
 __all__ = ["replay"]
 
@@ -30,7 +30,7 @@ def replay(
     dataset : str
         Its name.
     data : path, optional
-        See `diagrams.readers.data.data_folder`.
+        See `quietfix.diagrams.readers.data.data_folder`.
     out : path, optional
         Folder for what is written: a new one, or see `overwrite`.
     progress : bool
@@ -55,7 +55,7 @@ def replay(
         For an unknown recording, missing or broken data, a setting that is not allowed, or a folder that cannot be
         written.
     """
-    from diagrams.commands.running import run_command
+    from quietfix.diagrams.commands.running import run_command
 
     found = find_recording(dataset)
     found.system.load(settings=settings)  # mistakes there show before anything is read

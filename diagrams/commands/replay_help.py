@@ -30,8 +30,8 @@ class ReplayHelp(TyperCommand):
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Write the settings."""
-        from diagrams.assembly.find import RECORDINGS
-        from diagrams.studies.recordings import recording_settings
+        from quietfix.diagrams.assembly.find import RECORDINGS
+        from quietfix.diagrams.studies.recordings import recording_settings
 
         super().format_epilog(ctx, formatter)
         for dataset in [word for word in ctx.meta.get(_WORDS, ()) if word in RECORDINGS][:1]:

@@ -13,21 +13,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from diagrams.assembly.find import FORMS, Found, find
-from diagrams.console.tables import Column, Table, lost, print_table, three_digits
-from diagrams.console.terminal import say
-from diagrams.schema.errors import UserError
-from diagrams.schema.origins import origins_of
-from diagrams.statistics.epochs import along, from_the_end
-from diagrams.studies.output import OutputFolder, written_beside
-from diagrams.studies.recordings import only_simulated, with_data, with_measurements, with_platforms
-from diagrams.studies.rerun import ask_again
-from diagrams.studies.results import open_result, write_summary
-from diagrams.studies.starting import why_not_started
+from quietfix.diagrams.assembly.find import FORMS, Found, find
+from quietfix.diagrams.console.tables import Column, Table, lost, print_table, three_digits
+from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.origins import origins_of
+from quietfix.diagrams.statistics.epochs import along, from_the_end
+from quietfix.diagrams.studies.output import OutputFolder, written_beside
+from quietfix.diagrams.studies.recordings import only_simulated, with_data, with_measurements, with_platforms
+from quietfix.diagrams.studies.rerun import ask_again
+from quietfix.diagrams.studies.results import open_result, write_summary
+from quietfix.diagrams.studies.starting import why_not_started
 
 if TYPE_CHECKING:
-    from diagrams.assembly.recorded import Report
-    from diagrams.studies.study import Study
+    from quietfix.diagrams.assembly.recorded import Report
+    from quietfix.diagrams.studies.study import Study
 
 __all__ = ["draw_command", "gdop_command", "observe_command", "replay_command", "run_command"]
 
@@ -42,8 +42,8 @@ def run_command(
     progress: bool = True,
 ) -> Report | None:
     """Run a study, print its table and write its folder; return what a recording tells; see ``quietfix run --help``."""
-    from diagrams.statistics.metrics import summarise
-    from diagrams.studies.whole import join
+    from quietfix.diagrams.statistics.metrics import summarise
+    from quietfix.diagrams.studies.whole import join
 
     began = time.monotonic()
     study, write = _asked_for(system, asked, from_, out, trust)
@@ -68,7 +68,7 @@ def run_command(
         if report is not None:
             report.draw(folder.work)
         if write:
-            from diagrams.own.writing import write_measurements, write_truth
+            from quietfix.diagrams.own.writing import write_measurements, write_truth
 
             write_measurements(dataset, study.request.scenario, folder.work / "measurements.csv")
             write_truth(dataset, folder.work / "truth.csv")
@@ -84,7 +84,7 @@ def run_command(
 
 def _write_message(scenario: Any, folder: Path) -> None:
     """Write the measurements of a scenario with a date as a Tracking Data Message, if it has any of them."""
-    from diagrams.own.messages import write_message
+    from quietfix.diagrams.own.messages import write_message
 
     if scenario.start_utc is None:
         return
@@ -100,7 +100,7 @@ def _asked_for(
     system: str | None, asked: Mapping[str, Any], from_: Path | None, out: Path | None, trust: bool
 ) -> tuple[Study, bool]:
     """Return the study that a command line asks for, and whether its measurements are written."""
-    from diagrams.studies.study import Study
+    from quietfix.diagrams.studies.study import Study
 
     options = dict(asked)
     fed = {key: options.pop(key, None) for key in ("measurements", "truth")}
@@ -161,8 +161,8 @@ def _say_interrupted(folder: OutputFolder, trials: int) -> None:
 
 
 def _illustrate(dataset: xr.Dataset, study: Any, folder: Path) -> None:
-    from diagrams.assembly.drawing import draw
-    from diagrams.figures import study_figures
+    from quietfix.diagrams.assembly.drawing import draw
+    from quietfix.diagrams.figures import study_figures
 
     study_figures(dataset, folder)
     header = f"{study.request.system}: {study.request.trials} trials"
@@ -173,7 +173,7 @@ def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
     """Print a table of a study: one row per estimator."""
     tracks = along(dataset) == "epoch"
     if tracks:  # they have no time in common, but each has an end
-        from diagrams.statistics.metrics import summarise
+        from quietfix.diagrams.statistics.metrics import summarise
 
         dataset = from_the_end(dataset)
         estimators = summarise(dataset)
@@ -227,8 +227,8 @@ def draw_command(
     data: Sequence[Path] | None = None,
 ) -> None:
     """Draw a block diagram; see ``quietfix draw --help``."""
-    from diagrams.assembly.drawing import draw, is_drawing
-    from diagrams.studies.study import Study
+    from quietfix.diagrams.assembly.drawing import draw, is_drawing
+    from quietfix.diagrams.studies.study import Study
 
     found = find(system)
     path = out or Path(f"{found.slug}.svg")
@@ -249,7 +249,7 @@ def gdop_command(
     system: str, settings: Sequence[str] | None, scenario: Path | None, out: Path | None, overwrite: bool
 ) -> None:
     """Map bounds; see ``quietfix gdop --help``."""
-    from diagrams.commands.mapping import map_figures
+    from quietfix.diagrams.commands.mapping import map_figures
 
     found = find(system)
     resolved = found.system.load(found.variant, scenario, settings or [])
@@ -272,14 +272,14 @@ def observe_command(
     overwrite: bool,
 ) -> None:
     """Say what is observable; see ``quietfix observe --help``."""
-    from diagrams.commands.observability_report import observability_summary, print_observability
-    from diagrams.experiments.observability import observe
+    from quietfix.diagrams.commands.observability_report import observability_summary, print_observability
+    from quietfix.diagrams.experiments.observability import observe
 
     where = find(system)
     only_simulated(where, "observe", where.system.load(where.variant, scenario, settings or []))
     found = observe(where, estimators=estimators, window=window, scenario=scenario, set=settings)
     if out is not None:
-        from diagrams.figures.observability import observe_figures
+        from quietfix.diagrams.figures.observability import observe_figures
 
         with OutputFolder(out, overwrite, "observe") as folder:
             summary = observability_summary(found, where)
@@ -301,6 +301,6 @@ def replay_command(
     file: list[Path] | None = None,
 ) -> None:
     """Run a recording; see ``quietfix replay --help``."""
-    from diagrams.commands.replay import replay
+    from quietfix.diagrams.commands.replay import replay
 
     replay(dataset, data, out, True, file, overwrite=overwrite, **asked)

@@ -11,11 +11,11 @@ from typing import Any
 
 import xarray as xr
 
-from diagrams.console.tables import Column, Table, lost, print_table, three_digits, with_interval
-from diagrams.console.terminal import say
-from diagrams.experiments.sweep import Sweep, sweep_statistics
-from diagrams.studies.output import OutputFolder
-from diagrams.studies.results import open_result
+from quietfix.diagrams.console.tables import Column, Table, lost, print_table, three_digits, with_interval
+from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.experiments.sweep import Sweep, sweep_statistics
+from quietfix.diagrams.studies.output import OutputFolder
+from quietfix.diagrams.studies.results import open_result
 
 __all__ = ["sweep_command", "sweep_table"]
 
@@ -29,8 +29,8 @@ def sweep_command(system: str, vary: str, options: Mapping[str, Any], out: Path 
         print_table(sweep_table(found))
         say(_legend(found))
         return
-    from diagrams.figures.style import save
-    from diagrams.figures.sweep import draw_sweep
+    from quietfix.diagrams.figures.style import save
+    from quietfix.diagrams.figures.sweep import draw_sweep
 
     with OutputFolder(out, overwrite, "sweep") as folder:
         try:
@@ -58,7 +58,7 @@ def _write(folder: OutputFolder) -> dict[str, Any]:
 
 
 def sweep_table(found: Mapping[str, Any]) -> Table:
-    """Return the table of a sweep, as `diagrams.experiments.sweep.sweep_statistics` gives it."""
+    """Return the table of a sweep, as `quietfix.diagrams.experiments.sweep.sweep_statistics` gives it."""
     name = found["system"] + (f":{found['variant']}" if found["variant"] else "")
     last = found["key"].rpartition(".")[2]
     titles = (last, "RMSE [m]", "times the first", "RMSE/bound", "NEES/n", "verdict", "diverged")

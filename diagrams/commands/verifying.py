@@ -6,12 +6,12 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from diagrams.console.tables import Column, Styled, Table, print_table
-from diagrams.figures.style import save
-from diagrams.figures.verification import VerdictRow, draw_verification
-from diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED, WORDS
-from diagrams.studies.output import OutputFolder
-from diagrams.verification.verify import Finding, Report, readable, verify
+from quietfix.diagrams.console.tables import Column, Styled, Table, print_table
+from quietfix.diagrams.figures.style import save
+from quietfix.diagrams.figures.verification import VerdictRow, draw_verification
+from quietfix.diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED, WORDS
+from quietfix.diagrams.studies.output import OutputFolder
+from quietfix.diagrams.verification.verify import Finding, Report, readable, verify
 
 __all__ = ["print_report", "verification_figure", "verify_command"]
 

@@ -7,7 +7,7 @@ import time
 from types import TracebackType
 from typing import Any
 
-from diagrams.console.terminal import live
+from quietfix.diagrams.console.terminal import live
 
 __all__ = ["Progress"]
 

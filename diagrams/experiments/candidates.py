@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.assembly.build import build
-from diagrams.assembly.find import Found, find
-from diagrams.assembly.lineup import select_estimators
-from diagrams.assembly.model import Model
-from diagrams.assembly.system import System
-from systems.registry import ESTIMATORS
+from quietfix.diagrams.assembly.build import build
+from quietfix.diagrams.assembly.find import Found, find
+from quietfix.diagrams.assembly.lineup import select_estimators
+from quietfix.diagrams.assembly.model import Model
+from quietfix.diagrams.assembly.system import System
+from quietfix.systems.registry import ESTIMATORS
 
 __all__ = ["STANDARD", "Lineup", "line_up"]
 

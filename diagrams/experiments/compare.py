@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.find import Found, find
-from diagrams.assembly.system import System
-from diagrams.experiments.candidates import Lineup, line_up
-from diagrams.experiments.compared_study import ComparedStudy
-from diagrams.experiments.comparison import comparison_statistics
-from diagrams.schema.errors import UserError
-from diagrams.studies.recordings import only_simulated
-from diagrams.studies.whole import join
+from quietfix.diagrams.assembly.find import Found, find
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.experiments.candidates import Lineup, line_up
+from quietfix.diagrams.experiments.compared_study import ComparedStudy
+from quietfix.diagrams.experiments.comparison import comparison_statistics
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.recordings import only_simulated
+from quietfix.diagrams.studies.whole import join
 
 __all__ = ["compare", "prepare"]
 
@@ -91,7 +91,7 @@ def compare(
     Parameters
     ----------
     system, variant, scenario, trials, seed, set
-        As of `diagrams.run_study`; at least 2 trials, unless it is a recording.
+        As of `quietfix.diagrams.run_study`; at least 2 trials, unless it is a recording.
     estimators : sequence of str, optional
         See `line_up`; by default those of the scenario and those of `STANDARD` that the system takes.
     at : float, optional

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.assembly.build import Assembly
-from diagrams.quantities.states import shared
-from diagrams.statistics.score import Score
-from diagrams.studies.stopwatch import Stopwatch
-from diagrams.studies.study import Study
+from quietfix.diagrams.assembly.build import Assembly
+from quietfix.diagrams.quantities.states import shared
+from quietfix.diagrams.statistics.score import Score
+from quietfix.diagrams.studies.stopwatch import Stopwatch
+from quietfix.diagrams.studies.study import Study
 
 __all__ = ["ComparedStudy"]
 
@@ -23,9 +23,9 @@ class ComparedStudy(Study):
     Parameters
     ----------
     system : str or System
-        As of `diagrams.run_study`.
+        As of `quietfix.diagrams.run_study`.
     **options
-        As of `diagrams.studies.study.Study`.
+        As of `quietfix.diagrams.studies.study.Study`.
 
     Attributes
     ----------

@@ -11,16 +11,16 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from diagrams.experiments.candidates import Lineup
-from diagrams.experiments.compared_study import ComparedStudy
-from diagrams.experiments.summary_entries import interval_entry, machine, nearest_epoch, nees_entry, run_entry
-from diagrams.schema.errors import UserError
-from diagrams.statistics.bootstrap import Interval, OneTrial, PairedBootstrap, Replicates, best_of, interval
-from diagrams.statistics.epochs import from_the_end
-from diagrams.statistics.json_numbers import json_numbers
-from diagrams.statistics.metrics import causal, diverged, median, not_started
-from diagrams.statistics.state_errors import errors
-from diagrams.studies.starting import why_not_started
+from quietfix.diagrams.experiments.candidates import Lineup
+from quietfix.diagrams.experiments.compared_study import ComparedStudy
+from quietfix.diagrams.experiments.summary_entries import interval_entry, machine, nearest_epoch, nees_entry, run_entry
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.bootstrap import Interval, OneTrial, PairedBootstrap, Replicates, best_of, interval
+from quietfix.diagrams.statistics.epochs import from_the_end
+from quietfix.diagrams.statistics.json_numbers import json_numbers
+from quietfix.diagrams.statistics.metrics import causal, diverged, median, not_started
+from quietfix.diagrams.statistics.state_errors import errors
+from quietfix.diagrams.studies.starting import why_not_started
 
 __all__ = ["check_at", "comparison_statistics"]
 

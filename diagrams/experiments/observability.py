@@ -11,21 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.assembly.build import Assembly
-from diagrams.assembly.find import Found
-from diagrams.assembly.lineup import estimator_key
-from diagrams.assembly.system import System
-from diagrams.quantities.directions import named_components
-from diagrams.quantities.states import POSITION, VELOCITY, shared, translated
-from diagrams.schema.errors import UserError, texts
-from diagrams.statistics.bounds import alike, rows_present
-from diagrams.statistics.fisher_information import Spectrum, information_roots, spectrum
-from diagrams.statistics.json_numbers import json_numbers
-from diagrams.studies.study import Study
-from systems.estimators.base import Estimator
-from systems.integration import simulator_of
-from systems.recorder import record
-from systems.signals import Draw, set_draw
+from quietfix.diagrams.assembly.build import Assembly
+from quietfix.diagrams.assembly.find import Found
+from quietfix.diagrams.assembly.lineup import estimator_key
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.quantities.directions import named_components
+from quietfix.diagrams.quantities.states import POSITION, VELOCITY, shared, translated
+from quietfix.diagrams.schema.errors import UserError, texts
+from quietfix.diagrams.statistics.bounds import alike, rows_present
+from quietfix.diagrams.statistics.fisher_information import Spectrum, information_roots, spectrum
+from quietfix.diagrams.statistics.json_numbers import json_numbers
+from quietfix.diagrams.studies.study import Study
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.integration import simulator_of
+from quietfix.systems.recorder import record
+from quietfix.systems.signals import Draw, set_draw
 
 __all__ = ["Observability", "observe", "prior_root", "share_words"]
 
@@ -222,13 +222,13 @@ def observe(
     Parameters
     ----------
     system : str or System
-        As of `diagrams.run_study`.
+        As of `quietfix.diagrams.run_study`.
     estimators : sequence of str, optional
         Whose measurements and motion; by default all of the scenario, each set of rows once.
     window : float, optional
         Length from the first epoch on [s]; by default the whole run.
     variant, scenario, set, seed
-        See `diagrams.run_study`; the truth is that of trial 0.
+        See `quietfix.diagrams.run_study`; the truth is that of trial 0.
 
     Returns
     -------

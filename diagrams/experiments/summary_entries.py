@@ -13,11 +13,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.schema.errors import UserError
-from diagrams.statistics.bootstrap import Interval, PairedBootstrap, interval
-from diagrams.statistics.consistency import chi_square_band
-from diagrams.statistics.json_numbers import json_numbers
-from diagrams.studies.result_schema import SCHEMA_VERSION
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.bootstrap import Interval, PairedBootstrap, interval
+from quietfix.diagrams.statistics.consistency import chi_square_band
+from quietfix.diagrams.statistics.json_numbers import json_numbers
+from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
 
 __all__ = ["interval_entry", "machine", "nearest_epoch", "nees_entry", "run_entry"]
 

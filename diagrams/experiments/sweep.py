@@ -13,19 +13,19 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.assembly.find import Found, find
-from diagrams.assembly.system import System
-from diagrams.experiments.compared_study import ComparedStudy
-from diagrams.experiments.summary_entries import interval_entry, nearest_epoch, nees_entry, run_entry
-from diagrams.schema.errors import UserError, choose, texts
-from diagrams.schema.reading import fields_of, options_of
-from diagrams.statistics.bootstrap import PairedBootstrap, Replicates, interval, log_ratio
-from diagrams.statistics.json_numbers import json_numbers
-from diagrams.statistics.metrics import diverged, not_started
-from diagrams.statistics.state_errors import errors
-from diagrams.studies.described import described
-from diagrams.studies.recordings import only_simulated
-from diagrams.studies.whole import join
+from quietfix.diagrams.assembly.find import Found, find
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.experiments.compared_study import ComparedStudy
+from quietfix.diagrams.experiments.summary_entries import interval_entry, nearest_epoch, nees_entry, run_entry
+from quietfix.diagrams.schema.errors import UserError, choose, texts
+from quietfix.diagrams.schema.reading import fields_of, options_of
+from quietfix.diagrams.statistics.bootstrap import PairedBootstrap, Replicates, interval, log_ratio
+from quietfix.diagrams.statistics.json_numbers import json_numbers
+from quietfix.diagrams.statistics.metrics import diverged, not_started
+from quietfix.diagrams.statistics.state_errors import errors
+from quietfix.diagrams.studies.described import described
+from quietfix.diagrams.studies.recordings import only_simulated
+from quietfix.diagrams.studies.whole import join
 
 __all__ = ["Sweep", "Vary", "parse_vary", "sweep", "sweep_statistics"]
 
@@ -125,7 +125,7 @@ class Sweep:
     Parameters
     ----------
     system, variant, scenario, estimators, trials, seed, set
-        As of `diagrams.run_study`; at least 2 trials.
+        As of `quietfix.diagrams.run_study`; at least 2 trials.
     vary : str or Vary
         See `parse_vary`.
     at : float, optional

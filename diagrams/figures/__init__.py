@@ -6,15 +6,15 @@ from pathlib import Path
 
 import xarray as xr
 
-from diagrams.figures.consistency import draw_consistency
-from diagrams.figures.convergence import draw_convergence
-from diagrams.figures.errors import draw_error, draw_percentiles
-from diagrams.figures.ground import draw_ground, has_ground
-from diagrams.figures.particles import draw_particle_health, particle_filters
-from diagrams.figures.style import save
-from diagrams.statistics.epochs import along, by_number
-from diagrams.statistics.metrics import rmse
-from diagrams.statistics.state_errors import errors
+from quietfix.diagrams.figures.consistency import draw_consistency
+from quietfix.diagrams.figures.convergence import draw_convergence
+from quietfix.diagrams.figures.errors import draw_error, draw_percentiles
+from quietfix.diagrams.figures.ground import draw_ground, has_ground
+from quietfix.diagrams.figures.particles import draw_particle_health, particle_filters
+from quietfix.diagrams.figures.style import save
+from quietfix.diagrams.statistics.epochs import along, by_number
+from quietfix.diagrams.statistics.metrics import rmse
+from quietfix.diagrams.statistics.state_errors import errors
 
 __all__ = ["study_figures"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from diagrams.figures.style import new_figure
-from systems.ambiguity.surface import Surface
+from quietfix.diagrams.figures.style import new_figure
+from quietfix.systems.ambiguity.surface import Surface
 
 __all__ = ["draw_surface"]
 
@@ -17,7 +17,7 @@ def draw_surface(surface: Surface, found: tuple[float, float] | None = None, tit
     Parameters
     ----------
     surface : Surface
-        What `systems.ambiguity.surface.ambiguity_surface` returned.
+        What `quietfix.systems.ambiguity.surface.ambiguity_surface` returned.
     found : (float, float), optional
         TDOA [s] and FDOA [Hz] to be marked, and through which the cuts go; default: the highest point.
     title : str

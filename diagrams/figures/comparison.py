@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
-from diagrams.figures.style import grid, new_figure
+from quietfix.diagrams.figures.style import grid, new_figure
 
 __all__ = ["draw_comparison"]
 
@@ -24,7 +24,7 @@ def draw_comparison(found: Mapping[str, Any]) -> Figure:
     Parameters
     ----------
     found : mapping
-        As `diagrams.experiments.comparison.comparison_statistics` gives it.
+        As `quietfix.diagrams.experiments.comparison.comparison_statistics` gives it.
 
     Returns
     -------

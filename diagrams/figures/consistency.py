@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure, time_label, title
-from diagrams.statistics.consistency import nees_statistics, nis_statistics
+from quietfix.diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure, time_label, title
+from quietfix.diagrams.statistics.consistency import nees_statistics, nis_statistics
 
 __all__ = ["draw_consistency"]
 

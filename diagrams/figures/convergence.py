@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from diagrams.figures.style import grid, legend_outside, looks, new_figure, title
-from diagrams.statistics.metrics import convergence_time
+from quietfix.diagrams.figures.style import grid, legend_outside, looks, new_figure, title
+from quietfix.diagrams.statistics.metrics import convergence_time
 
 __all__ = ["draw_convergence"]
 
@@ -25,7 +25,7 @@ def draw_convergence(dataset: xr.Dataset, curve: xr.DataArray) -> Figure:
     dataset : xarray.Dataset
         A study's result.
     curve : xarray.DataArray, dims (estimator, time)
-        Position RMSE [m]; see `diagrams.statistics.metrics.convergence_time`.
+        Position RMSE [m]; see `quietfix.diagrams.statistics.metrics.convergence_time`.
 
     Returns
     -------

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from diagrams.figures.style import Look, grid, legend_outside, log_scale, looks, new_figure, time_label, title
-from diagrams.statistics.metrics import median, percentile
+from quietfix.diagrams.figures.style import Look, grid, legend_outside, log_scale, looks, new_figure, time_label, title
+from quietfix.diagrams.statistics.metrics import median, percentile
 
 __all__ = ["draw_error", "draw_percentiles"]
 

@@ -13,9 +13,9 @@ import xarray as xr
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from diagrams.figures.labels import name_places
-from diagrams.figures.style import new_figure, save
-from diagrams.figures.ticks import plain_ticks
+from quietfix.diagrams.figures.labels import name_places
+from quietfix.diagrams.figures.style import new_figure, save
+from quietfix.diagrams.figures.ticks import plain_ticks
 
 __all__ = ["draw_gdop"]
 
@@ -39,7 +39,7 @@ def draw_gdop(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
     Parameters
     ----------
     dataset : xarray.Dataset
-        From `diagrams.maps.bounds.map_bounds`.
+        From `quietfix.diagrams.maps.bounds.map_bounds`.
     folder : path
         An existing folder.
 

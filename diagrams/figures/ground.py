@@ -10,11 +10,11 @@ import xarray as xr
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from diagrams.figures.labels import name_places
-from diagrams.figures.style import grid, legend_outside, looks, new_figure, title
-from diagrams.figures.ticks import plain_ticks
-from diagrams.quantities.frame import Ground, frame_of
-from diagrams.quantities.states import POSITION
+from quietfix.diagrams.figures.labels import name_places
+from quietfix.diagrams.figures.style import grid, legend_outside, looks, new_figure, title
+from quietfix.diagrams.figures.ticks import plain_ticks
+from quietfix.diagrams.quantities.frame import Ground, frame_of
+from quietfix.diagrams.quantities.states import POSITION
 
 __all__ = ["draw_ground", "has_ground"]
 

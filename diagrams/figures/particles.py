@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure, time_label, title
-from systems.filters.particle.health import LEAST_EVIDENCE
+from quietfix.diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure, time_label, title
+from quietfix.systems.filters.particle.health import LEAST_EVIDENCE
 
 __all__ = ["draw_particle_health", "particle_filters"]
 

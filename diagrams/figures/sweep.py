@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure
+from quietfix.diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure
 
 __all__ = ["draw_sweep"]
 
@@ -28,7 +28,7 @@ def draw_sweep(found: Mapping[str, Any], geometric: bool = False) -> Figure:
     Parameters
     ----------
     found : mapping
-        As `diagrams.experiments.sweep.sweep_statistics` gives it.
+        As `quietfix.diagrams.experiments.sweep.sweep_statistics` gives it.
     geometric : bool
         Whether the values are spaced by a factor.
 

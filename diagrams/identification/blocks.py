@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.identification.candidates import passes_of
-from diagrams.identification.fit import fitted
-from diagrams.identification.priors import Priors
-from diagrams.readers.doppler.received import Received
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.identification.candidates import passes_of
+from quietfix.diagrams.identification.fit import fitted
+from quietfix.diagrams.identification.priors import Priors
+from quietfix.diagrams.readers.doppler.received import Received
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["MUCH", "Blocks", "blocks_of", "gain_of_more", "smooth_part", "system_of"]
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from diagrams.identification.prediction import elevations, satellite_path, shifts_of
-from diagrams.readers.doppler.elements import Elements
-from diagrams.readers.doppler.received import Received
+from quietfix.diagrams.identification.prediction import elevations, satellite_path, shifts_of
+from quietfix.diagrams.readers.doppler.elements import Elements
+from quietfix.diagrams.readers.doppler.received import Received
 
 __all__ = ["Heard", "Orbit", "heard", "orbit_of", "passes_of", "predicted", "time_sigma"]
 

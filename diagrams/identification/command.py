@@ -9,24 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from diagrams.console.tables import print_table
-from diagrams.console.terminal import say
-from diagrams.identification.locating import Located, locate
-from diagrams.identification.priors import ORDERS, Priors
-from diagrams.identification.ranking import Ranking, rank
-from diagrams.identification.report import cautions, entry, table_of, verdict
-from diagrams.identification.station_report import (
+from quietfix.diagrams.console.tables import print_table
+from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.identification.locating import Located, locate
+from quietfix.diagrams.identification.priors import ORDERS, Priors
+from quietfix.diagrams.identification.ranking import Ranking, rank
+from quietfix.diagrams.identification.report import cautions, entry, table_of, verdict
+from quietfix.diagrams.identification.station_report import (
     station_entry,
     station_geojson,
     station_table,
     station_verdict,
 )
-from diagrams.readers.doppler.elements import Elements, read_elements
-from diagrams.readers.doppler.received import Received, read_received
-from diagrams.readers.doppler.station import carrier_of, read_station
-from diagrams.schema.errors import UserError, choose
-from diagrams.studies.output import OutputFolder
-from systems.earth.geodetic import geodetic_to_ecef
+from quietfix.diagrams.readers.doppler.elements import Elements, read_elements
+from quietfix.diagrams.readers.doppler.received import Received, read_received
+from quietfix.diagrams.readers.doppler.station import carrier_of, read_station
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.diagrams.studies.output import OutputFolder
+from quietfix.systems.earth.geodetic import geodetic_to_ecef
 
 __all__ = ["Asked", "find_station", "identify", "identify_command"]
 
@@ -44,7 +44,7 @@ class Asked:
     file, tle : Path
         Received frequencies; two-line elements.
     station : str, optional
-        See `diagrams.readers.doppler.station.read_station`; None: it is looked for.
+        See `quietfix.diagrams.readers.doppler.station.read_station`; None: it is looked for.
     object : str, optional
         Number or name of the only object that counts.
     height : float, optional
@@ -52,7 +52,7 @@ class Asked:
     carrier_mhz : float, optional
         None: as the station's file says, else the middle of the frequencies.
     start, time_column, frequency_column : str, optional
-        See `diagrams.readers.doppler.received.read_received`.
+        See `quietfix.diagrams.readers.doppler.received.read_received`.
     oscillator : str
         Its last state: bias, drift or rate.
     time_sigma : float, optional

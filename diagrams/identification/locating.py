@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
-from diagrams.identification.blocks import MUCH, Blocks, blocks_of, gain_of_more, smooth_part, system_of
-from diagrams.identification.candidates import Heard, Orbit, orbit_of, passes_of, time_sigma
-from diagrams.identification.fit import Fit, correlation_time, fitted, own_scale
-from diagrams.identification.prediction import satellite_path
-from diagrams.identification.priors import Priors
-from diagrams.identification.rows import used_rows
-from diagrams.readers.doppler.elements import Elements
-from diagrams.readers.doppler.received import Received
-from diagrams.schema.errors import UserError
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+from quietfix.diagrams.identification.blocks import MUCH, Blocks, blocks_of, gain_of_more, smooth_part, system_of
+from quietfix.diagrams.identification.candidates import Heard, Orbit, orbit_of, passes_of, time_sigma
+from quietfix.diagrams.identification.fit import Fit, correlation_time, fitted, own_scale
+from quietfix.diagrams.identification.prediction import satellite_path
+from quietfix.diagrams.identification.priors import Priors
+from quietfix.diagrams.identification.rows import used_rows
+from quietfix.diagrams.readers.doppler.elements import Elements
+from quietfix.diagrams.readers.doppler.received import Received
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 
 __all__ = ["Located", "Place", "locate"]
 
@@ -39,7 +39,7 @@ _FLAT = 1e7  # m: what is known of the place before
 _CORNERS = 8  # of the ellipse where the likelihood is looked at
 _BENT = 2.0  # times as much or as little as an ellipse says
 _FARTHEST = 300e3  # m, half the long axis
-_OTHER = 1e-4  # probability of the other side of the track: one of 30 real passes had the true one at 8e-4
+_OTHER = 1e-4  # probability of the other side of the track: the true one of a real pass had 8e-4
 _SYSTEMATIC = 2.5  # residual over what a smooth curve leaves of it
 _TOGETHER = 6.0  # blocks that count as one
 
@@ -96,7 +96,7 @@ class Located:
     elements : Elements
     used : ndarray of bool, shape (rows,)
     scale, together, systematic : float
-        As in `diagrams.identification.ranking.Ranking`.
+        As in `quietfix.diagrams.identification.ranking.Ranking`.
     prior_time : float
         What was believed of the time that the satellite is ahead of its elements [s].
     more : float
@@ -188,10 +188,11 @@ def locate(received: Received, elements: Elements, height: float, sigma_height: 
     """Find a station from what it heard of a satellite that is known.
 
     Trial places on a grid along and across the ground track tell which rows are of the satellite; from the best ones
-    on each side, Gauss-Newton steps of robust least squares (see `diagrams.identification.fit`) in the oscillators,
-    the time that the satellite is ahead of its elements, and the place, whose height is known to `sigma_height`. The
-    oscillators have a state more than is asked for: what one pass takes for a shift of the place may be that (of 30
-    real passes of a free-running oscillator, ellipses without it missed the station by up to three times their size).
+    on each side, Gauss-Newton steps of robust least squares (see `quietfix.diagrams.identification.fit`) in the
+    oscillators, the time that the satellite is ahead of its elements, and the place, whose height is known to
+    `sigma_height`. The oscillators have a state more than is asked for: what one pass takes for a shift of the place
+    may be that (on real passes of a free-running oscillator, ellipses without it missed the station by up to three
+    times their size; the limits of the doubts were set while looking at such passes).
 
     Parameters
     ----------

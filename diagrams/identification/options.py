@@ -68,7 +68,7 @@ def identify(
 
     Without --station: say where the station is that heard an object, with its 99 % ellipse.
     """
-    from diagrams.identification.command import Asked, identify_command
+    from quietfix.diagrams.identification.command import Asked, identify_command
 
     asked = Asked(
         file, tle, station, object_, height_m, carrier_mhz, start, time_column, frequency_column, oscillator, time_sigma

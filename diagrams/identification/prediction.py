@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.readers.doppler.elements import UNIX_EPOCH
-from systems.celestial import equinox_to_earth_fixed
-from systems.constants import EARTH_MU, EARTH_RATE, SPEED_OF_LIGHT
-from systems.earth.frames import earth_fixed_to_inertial
-from systems.earth.geodetic import ecef_to_geodetic, enu_rotation
+from quietfix.diagrams.readers.doppler.elements import UNIX_EPOCH
+from quietfix.systems.celestial import equinox_to_earth_fixed
+from quietfix.systems.constants import EARTH_MU, EARTH_RATE, SPEED_OF_LIGHT
+from quietfix.systems.earth.frames import earth_fixed_to_inertial
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
 
 __all__ = ["elevations", "satellite_path", "shifts_of"]
 
@@ -23,7 +23,7 @@ _DAY = 86400
 def satellite_path(satellite: Any, second: int, rest: float, times: Array, ahead: float = 0.0) -> Array | None:
     """Return inertial states (k, 6) of a satellite by SGP4, in the axes that are Earth-fixed at each of the times.
 
-    UTC stands for UT1, and the pole is at the pole, as in `diagrams.readers.doptrack_data`.
+    UTC stands for UT1, and the pole is at the pole, as in `quietfix.diagrams.readers.doptrack_data`.
 
     Parameters
     ----------

@@ -8,15 +8,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.identification.blocks import Blocks, blocks_of, gain_of_more, smooth_part, system_of
-from diagrams.identification.candidates import Heard, heard, predicted, time_sigma
-from diagrams.identification.fit import Fit, correlation_time, fitted, own_scale
-from diagrams.identification.priors import Priors
-from diagrams.identification.rows import used_rows
-from diagrams.readers.doppler.elements import Elements
-from diagrams.readers.doppler.received import Received
-from diagrams.schema.errors import UserError
-from systems.constants import SPEED_OF_LIGHT
+from quietfix.diagrams.identification.blocks import Blocks, blocks_of, gain_of_more, smooth_part, system_of
+from quietfix.diagrams.identification.candidates import Heard, heard, predicted, time_sigma
+from quietfix.diagrams.identification.fit import Fit, correlation_time, fitted, own_scale
+from quietfix.diagrams.identification.priors import Priors
+from quietfix.diagrams.identification.rows import used_rows
+from quietfix.diagrams.readers.doppler.elements import Elements
+from quietfix.diagrams.readers.doppler.received import Received
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.constants import SPEED_OF_LIGHT
 
 __all__ = ["Ranked", "Ranking", "rank"]
 

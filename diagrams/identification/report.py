@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from diagrams.console.tables import Column, Styled, Table, three_digits
-from diagrams.identification.blocks import MUCH
-from diagrams.identification.priors import Priors
-from diagrams.identification.ranking import Ranked, Ranking
-from diagrams.readers.doppler.received import Received
-from diagrams.statistics.json_numbers import json_numbers
-from systems.constants import SPEED_OF_LIGHT
+from quietfix.diagrams.console.tables import Column, Styled, Table, three_digits
+from quietfix.diagrams.identification.blocks import MUCH
+from quietfix.diagrams.identification.priors import Priors
+from quietfix.diagrams.identification.ranking import Ranked, Ranking
+from quietfix.diagrams.readers.doppler.received import Received
+from quietfix.diagrams.statistics.json_numbers import json_numbers
+from quietfix.systems.constants import SPEED_OF_LIGHT
 
 __all__ = ["cautions", "entry", "table_of", "verdict"]
 

@@ -8,8 +8,8 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.identification.candidates import Heard, passes_of
-from diagrams.readers.doppler.received import Received
+from quietfix.diagrams.identification.candidates import Heard, passes_of
+from quietfix.diagrams.readers.doppler.received import Received
 
 __all__ = ["used_rows"]
 

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from diagrams.console.tables import Column, Styled, Table, three_digits
-from diagrams.identification.locating import Located, Place
-from diagrams.identification.priors import Priors
-from diagrams.readers.doppler.received import Received
-from diagrams.statistics.json_numbers import json_numbers
-from diagrams.writers.ellipse import ellipse_ring
-from diagrams.writers.meridian import cut_ring
-from systems.constants import SPEED_OF_LIGHT
+from quietfix.diagrams.console.tables import Column, Styled, Table, three_digits
+from quietfix.diagrams.identification.locating import Located, Place
+from quietfix.diagrams.identification.priors import Priors
+from quietfix.diagrams.readers.doppler.received import Received
+from quietfix.diagrams.statistics.json_numbers import json_numbers
+from quietfix.diagrams.writers.ellipse import ellipse_ring
+from quietfix.diagrams.writers.meridian import cut_ring
+from quietfix.systems.constants import SPEED_OF_LIGHT
 
 __all__ = ["station_entry", "station_geojson", "station_table", "station_verdict"]
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from functools import partial
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.system import System, packaged
-from diagrams.library.fields.beacon_rocket import Scenario
-from diagrams.library.models.beacon_rocket import (
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.assembly.system import System, packaged
+from quietfix.diagrams.library.fields.beacon_rocket import Scenario
+from quietfix.diagrams.library.models.beacon_rocket import (
     acceleration_limits,
     believed_sigma,
     bound_map,
@@ -23,27 +23,27 @@ from diagrams.library.models.beacon_rocket import (
     truth_motion,
     warn_unobservable,
 )
-from diagrams.library.parts.beacon_rocket import BeaconFlight, OffsetStart
-from diagrams.parts.impairment import Impaired, KnownPlatforms
-from diagrams.parts.launch import (
+from quietfix.diagrams.library.parts.beacon_rocket import BeaconFlight, OffsetStart
+from quietfix.diagrams.parts.impairment import Impaired, KnownPlatforms
+from quietfix.diagrams.parts.launch import (
     station_names,
     station_positions,
     vehicle_block,
 )
-from diagrams.parts.sensor_errors import NO_CLOCKS, refuse
-from diagrams.quantities.frame import LAUNCH
-from diagrams.schema.errors import UserError
-from systems.clocks import Periodic
-from systems.estimators.options import EstimatorOptions
-from systems.measurement.range_rate import RangeRate
-from systems.motion.known_flight import KnownFlight
-from systems.starts.start import PortStart
+from quietfix.diagrams.parts.sensor_errors import NO_CLOCKS, refuse
+from quietfix.diagrams.quantities.frame import LAUNCH
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.measurement.range_rate import RangeRate
+from quietfix.systems.motion.known_flight import KnownFlight
+from quietfix.systems.starts.start import PortStart
 
 __all__ = ["SYSTEM"]
 
 
 def declare(scenario: Scenario) -> Model:
-    """Return rocket, oscillator, stations, prior and what the estimators are given; see `diagrams.assembly`."""
+    """Return rocket, oscillator, stations, prior and what the estimators are given; see `assembly`."""
     if scenario.stop_s < scenario.start_s + scenario.period_s:
         raise UserError(f"stop_s: {scenario.stop_s:g} is not allowed; it must be after start_s {scenario.start_s:g}")
     clock, positions = Periodic(scenario.period_s, scenario.start_s), station_positions(scenario)

@@ -14,11 +14,11 @@ from typing import cast
 
 import numpy as np
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.system import System, packaged
-from diagrams.library.fields.bearing_crossing import Scenario
-from diagrams.library.models.bearing_crossing import (
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.assembly.system import System, packaged
+from quietfix.diagrams.library.fields.bearing_crossing import Scenario
+from quietfix.diagrams.library.models.bearing_crossing import (
     axes_of,
     bearing_start,
     believed_sensor,
@@ -31,16 +31,16 @@ from diagrams.library.models.bearing_crossing import (
     target_motion,
     target_state,
 )
-from diagrams.parts.impairment import Impaired, Mount, NavigationError
-from diagrams.parts.movers import ModelTarget, Platforms
-from diagrams.parts.sensing import TargetSensor
-from diagrams.quantities.frame import LOCAL
-from diagrams.schema.errors import UserError, choose
-from systems.clocks import Clock, Periodic
-from systems.estimators.azimuth_filter import AzimuthFilter
-from systems.estimators.options import EstimatorOptions
-from systems.estimators.wiring import Wiring
-from systems.plants.path import Path
+from quietfix.diagrams.parts.impairment import Impaired, Mount, NavigationError
+from quietfix.diagrams.parts.movers import ModelTarget, Platforms
+from quietfix.diagrams.parts.sensing import TargetSensor
+from quietfix.diagrams.quantities.frame import LOCAL
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.systems.clocks import Clock, Periodic
+from quietfix.systems.estimators.azimuth_filter import AzimuthFilter
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.plants.path import Path
 
 __all__ = ["SYSTEM"]
 
@@ -48,7 +48,7 @@ _KM = 1e3
 
 
 def declare(scenario: Scenario) -> Model:
-    """Return observer, target, sensor, azimuth filters and what the estimators are given; see `diagrams.assembly`."""
+    """Return observer, target, sensor, azimuth filters and what the estimators are given; see `assembly`."""
     path, motion, axes = observer_path(scenario), target_motion(scenario), axes_of(scenario)
     check_geometry(scenario, path, motion)
     truth, clock = scenario.truth, Periodic(scenario.period_s)

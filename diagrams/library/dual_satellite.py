@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from functools import partial
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.model import Assumed, Model, Part
-from diagrams.assembly.system import System, packaged
-from diagrams.library.fields.dual_satellite import PLATFORMS, Scenario
-from diagrams.library.models.dual_satellite import (
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.model import Assumed, Model, Part
+from quietfix.diagrams.assembly.system import System, packaged
+from quietfix.diagrams.library.fields.dual_satellite import PLATFORMS, Scenario
+from quietfix.diagrams.library.models.dual_satellite import (
     believed_stack,
     bound_map,
     check_visible,
@@ -23,19 +23,19 @@ from diagrams.library.models.dual_satellite import (
     start_of,
     target_state,
 )
-from diagrams.parts import formation
-from diagrams.parts.dual_signal import Signal
-from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
-from diagrams.parts.movers import Emitter, Platforms, true_motion
-from diagrams.parts.sensing import TargetSensor
-from systems.clocks import Periodic
-from systems.estimators.options import EstimatorOptions
-from systems.geometry.body_frame import body_frame
-from systems.geometry.visibility import ElevationMask
-from systems.measurement.altitude import Altitude
-from systems.measurement.position import Position
-from systems.measurement.stack import Stack
-from systems.motion.constant_velocity import ConstantVelocity
+from quietfix.diagrams.parts import formation
+from quietfix.diagrams.parts.dual_signal import Signal
+from quietfix.diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
+from quietfix.diagrams.parts.movers import Emitter, Platforms, true_motion
+from quietfix.diagrams.parts.sensing import TargetSensor
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.geometry.body_frame import body_frame
+from quietfix.systems.geometry.visibility import ElevationMask
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.position import Position
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
 
 __all__ = ["SYSTEM"]
 
@@ -45,7 +45,7 @@ _KINDS = ("direction", "tdoa", "fdoa")
 
 
 def declare(scenario: Scenario) -> Model:
-    """Return truth, sensors, starts and what the estimators are given; see `diagrams.assembly`."""
+    """Return truth, sensors, starts and what the estimators are given; see `quietfix.diagrams.assembly`."""
     truth, errors, clock = scenario.truth, scenario.truth.errors, Periodic(scenario.period_s)
     orbit, start_state = formation.satellite_orbit(scenario, _SATELLITES), target_state(scenario)
     check_visible(scenario, orbit, start_state)

@@ -11,11 +11,11 @@ from functools import cache, partial
 
 import numpy as np
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.system import System, packaged
-from diagrams.library.fields.satellite_ranging import Kepler, Scenario, Sp3
-from diagrams.library.models.satellite_ranging import (
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.assembly.system import System, packaged
+from quietfix.diagrams.library.fields.satellite_ranging import Kepler, Scenario, Sp3
+from quietfix.diagrams.library.models.satellite_ranging import (
     believed_motion,
     believed_sensor,
     bound_map,
@@ -27,22 +27,22 @@ from diagrams.library.models.satellite_ranging import (
     sensor_mask,
     true_sensor,
 )
-from diagrams.library.parts.satellite_ranging import OrbitingTarget, add_preview, orbit_block
-from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
-from diagrams.parts.movers import Platforms
-from diagrams.parts.sensing import TargetSensor
-from diagrams.parts.sensor_errors import NO_CLOCKS, refuse
-from diagrams.quantities.frame import INERTIAL
-from systems.angles.relative_kinematics import ROWS, rows_of
-from systems.clocks import Periodic
-from systems.estimators.options import EstimatorOptions
-from systems.fixes.ranged_position import RangedPosition
-from systems.motion.orbital import OrbitalMotion
-from systems.plants.orbit import DenseOrbit
-from systems.plants.recorded import RecordedTruth
-from systems.sensors.prior import PriorEstimate
-from systems.sensors.ranging import Ranging
-from systems.starts.start import PortStart
+from quietfix.diagrams.library.parts.satellite_ranging import OrbitingTarget, add_preview, orbit_block
+from quietfix.diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
+from quietfix.diagrams.parts.movers import Platforms
+from quietfix.diagrams.parts.sensing import TargetSensor
+from quietfix.diagrams.parts.sensor_errors import NO_CLOCKS, refuse
+from quietfix.diagrams.quantities.frame import INERTIAL
+from quietfix.systems.angles.relative_kinematics import ROWS, rows_of
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.fixes.ranged_position import RangedPosition
+from quietfix.systems.motion.orbital import OrbitalMotion
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.plants.recorded import RecordedTruth
+from quietfix.systems.sensors.prior import PriorEstimate
+from quietfix.systems.sensors.ranging import Ranging
+from quietfix.systems.starts.start import PortStart
 
 __all__ = ["SYSTEM"]
 
@@ -50,7 +50,7 @@ _POSITION = "position"
 
 
 def declare(scenario: Scenario) -> Model:
-    """Return both satellites, sensor, prior and what the estimators are given; see `diagrams.assembly`."""
+    """Return both satellites, sensor, prior and what the estimators are given; see `quietfix.diagrams.assembly`."""
     truth, clock, constants = scenario.truth, Periodic(scenario.period_s), gravity(scenario)
     record = recorded_orbit(scenario) if isinstance(scenario.target, Sp3) else None
     listener, emitter = initial_states(scenario, record)

@@ -10,11 +10,11 @@ import math
 from functools import partial
 from typing import cast
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.system import System, packaged
-from diagrams.library.fields.three_satellite import PLATFORMS, Scenario
-from diagrams.library.models.three_satellite import (
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.assembly.system import System, packaged
+from quietfix.diagrams.library.fields.three_satellite import PLATFORMS, Scenario
+from quietfix.diagrams.library.models.three_satellite import (
     baseline_chain,
     believed_stack,
     bound_map,
@@ -24,18 +24,18 @@ from diagrams.library.models.three_satellite import (
     sensor_stack,
     target_state,
 )
-from diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
-from diagrams.parts.movers import Emitter, Platforms, true_motion
-from diagrams.parts.resolving import PhaseResolution
-from diagrams.parts.sensing import TargetSensor
-from systems.clocks import Periodic
-from systems.estimators.options import EstimatorOptions
-from systems.fixes.known_height import Method
-from systems.geometry.body_frame import body_frame
-from systems.geometry.visibility import ElevationMask
-from systems.measurement.altitude import Altitude
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.starts.known_height_start import KnownHeightStart
+from quietfix.diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
+from quietfix.diagrams.parts.movers import Emitter, Platforms, true_motion
+from quietfix.diagrams.parts.resolving import PhaseResolution
+from quietfix.diagrams.parts.sensing import TargetSensor
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.fixes.known_height import Method
+from quietfix.systems.geometry.body_frame import body_frame
+from quietfix.systems.geometry.visibility import ElevationMask
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.starts.known_height_start import KnownHeightStart
 
 __all__ = ["SYSTEM"]
 
@@ -43,7 +43,7 @@ _KM = 1e3
 
 
 def declare(scenario: Scenario) -> Model:
-    """Return truth, sensor, start, resolver and what the estimators are given; see `diagrams.assembly`."""
+    """Return truth, sensor, start, resolver and what the estimators are given; see `quietfix.diagrams.assembly`."""
     truth, belief, errors = scenario.truth, scenario.belief, scenario.truth.errors
     clock, rate = Periodic(scenario.period_s), scenario.constants.earth_rate_radps
     orbit = satellite_orbit(scenario)

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import InitializeParams
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
-from diagrams.assembly.build import build
-from diagrams.assembly.checks import check_model
-from diagrams.own.fed.handed import Handed
-from diagrams.own.fields.schema import OwnScenario
-from diagrams.own.system import declare
-from diagrams.schema.errors import UserError
-from systems.integration import simulator_of
-from systems.sensors.handed_rows import HandedRows
-from systems.signals import Draw, leaf_systems, set_draw
+from quietfix.diagrams.assembly.build import build
+from quietfix.diagrams.assembly.checks import check_model
+from quietfix.diagrams.own.fed.handed import Handed
+from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.own.system import declare
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.integration import simulator_of
+from quietfix.systems.sensors.handed_rows import HandedRows
+from quietfix.systems.signals import Draw, leaf_systems, set_draw
 
 __all__ = ["Bench", "Moment", "Runner", "Told"]
 
@@ -150,7 +150,7 @@ class Runner:
         time : float
             [s], later than the last one.
         value, scale : ndarray, shape (rows,)
-            See `systems.sensors.handed_rows.HandedRows.hand`.
+            See `quietfix.systems.sensors.handed_rows.HandedRows.hand`.
         """
         clock = self._bench.handed.clock
         number = self._before[-1][1] + 1 if self._before else 0

@@ -11,18 +11,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
-from diagrams.assembly.find import Found, find
-from diagrams.assembly.lineup import select_estimators
-from diagrams.live.session import Session
-from diagrams.live.sources import Datagrams, Followed, Source, StandardInput
-from diagrams.live.state_file import digest_of, read_state, restore, write_state
-from diagrams.own.fed.measured import setting_of
-from diagrams.own.fields.measurements import Measurements
-from diagrams.own.fields.schema import OwnScenario
-from diagrams.schema.errors import UserError, in_users_words
-from diagrams.schema.origins import origins_of
-from diagrams.studies.recordings import with_platforms
-from systems.earth.time_scales import posix_to_tai
+from quietfix.diagrams.assembly.find import Found, find
+from quietfix.diagrams.assembly.lineup import select_estimators
+from quietfix.diagrams.live.session import Session
+from quietfix.diagrams.live.sources import Datagrams, Followed, Source, StandardInput
+from quietfix.diagrams.live.state_file import digest_of, read_state, restore, write_state
+from quietfix.diagrams.own.fed.measured import setting_of
+from quietfix.diagrams.own.fields.measurements import Measurements
+from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.schema.errors import UserError, in_users_words
+from quietfix.diagrams.schema.origins import origins_of
+from quietfix.diagrams.studies.recordings import with_platforms
+from quietfix.systems.earth.time_scales import posix_to_tai
 
 __all__ = ["Asked", "live_command"]
 
@@ -45,7 +45,7 @@ class Asked:
     wait : float
         How long a tick waits for further rows [s].
     lag, jump : float
-        See `diagrams.live.session.Session`.
+        See `quietfix.diagrams.live.session.Session`.
     """
 
     stdin: str | None = None

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagrams.own.fed.handed import Handed
-from systems.constants import SPEED_OF_LIGHT
+from quietfix.diagrams.own.fed.handed import Handed
+from quietfix.systems.constants import SPEED_OF_LIGHT
 
 __all__ = ["LightTimes"]
 
@@ -14,7 +14,7 @@ _SPARE = 1.01
 
 
 class LightTimes:
-    r"""The most that a difference of arrival times can be, as `diagrams.own.fed.plausible.beyond_light` has it.
+    r"""The most that a difference of arrival times can be, as `beyond_light` has it.
 
     Parameters
     ----------

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.live.light import LightTimes
-from diagrams.live.refused import Counted, Refused
-from diagrams.own.fed.handed import Handed
-from diagrams.own.fed.matching import Meaning, beyond, meaning_of
-from diagrams.readers.measurements import COLUMNS, Series
-from diagrams.readers.stamps import BadStamp, read_stamps
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.live.light import LightTimes
+from quietfix.diagrams.live.refused import Counted, Refused
+from quietfix.diagrams.own.fed.handed import Handed
+from quietfix.diagrams.own.fed.matching import Meaning, beyond, meaning_of
+from quietfix.diagrams.readers.measurements import COLUMNS, Series
+from quietfix.diagrams.readers.stamps import BadStamp, read_stamps
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["LONGEST", "Heard", "LineReader"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from diagrams.schema.errors import one_line
+from quietfix.diagrams.schema.errors import one_line
 
 __all__ = ["Counted", "Refused"]
 

@@ -6,13 +6,13 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from diagrams.live.bench import Bench, Runner
-from diagrams.live.lines import Heard, LineReader
-from diagrams.live.lines import Moment as Zero
-from diagrams.live.refused import Counted, Refused
-from diagrams.live.told import lines_of
-from diagrams.live.track import Outcome, Track
-from diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.live.bench import Bench, Runner
+from quietfix.diagrams.live.lines import Heard, LineReader
+from quietfix.diagrams.live.lines import Moment as Zero
+from quietfix.diagrams.live.refused import Counted, Refused
+from quietfix.diagrams.live.told import lines_of
+from quietfix.diagrams.live.track import Outcome, Track
+from quietfix.diagrams.own.fields.schema import OwnScenario
 
 __all__ = ["MOST_TARGETS", "Session"]
 
@@ -156,7 +156,7 @@ class Session:
         return track
 
     def follow(self, target: str, number: int) -> Track:
-        """Begin to follow a target; see `diagrams.live.bench.Runner`."""
+        """Begin to follow a target; see `quietfix.diagrams.live.bench.Runner`."""
         track = Track(Runner(self.bench, target, number), len(self.bench.handed.rows), self._lag, self.refusals)
         self.tracks[target] = track
         return track

@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from diagrams.live.lines import LONGEST
-from diagrams.schema.errors import UserError, shown
+from quietfix.diagrams.live.lines import LONGEST
+from quietfix.diagrams.schema.errors import UserError, shown
 
 __all__ = ["Datagrams", "Followed", "Source", "Splitter", "StandardInput"]
 

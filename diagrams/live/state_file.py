@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.live.bench import Moment
-from diagrams.live.lines import Heard
-from diagrams.live.session import Session
-from diagrams.live.track import Done, Tick, Track
-from diagrams.own.fields.schema import OwnScenario
-from diagrams.schema.errors import UserError, shown
-from diagrams.schema.scenario import dump
-from systems.files import Unreadable, read_bytes
+from quietfix.diagrams.live.bench import Moment
+from quietfix.diagrams.live.lines import Heard
+from quietfix.diagrams.live.session import Session
+from quietfix.diagrams.live.track import Done, Tick, Track
+from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.schema.errors import UserError, shown
+from quietfix.diagrams.schema.scenario import dump
+from quietfix.systems.files import Unreadable, read_bytes
 
 __all__ = ["digest_of", "read_state", "restore", "write_state"]
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from diagrams.live.bench import Bench
-from diagrams.live.lines import Moment as Zero
-from diagrams.live.track import Outcome
-from diagrams.readers.stamps import write_stamps
-from diagrams.writers.estimates import state_columns
-from systems.estimators.base import Estimator
-from systems.signals import components_of
+from quietfix.diagrams.live.bench import Bench
+from quietfix.diagrams.live.lines import Moment as Zero
+from quietfix.diagrams.live.track import Outcome
+from quietfix.diagrams.readers.stamps import write_stamps
+from quietfix.diagrams.writers.estimates import state_columns
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.signals import components_of
 
 __all__ = ["lines_of"]
 

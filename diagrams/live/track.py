@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.live.bench import Moment, Runner, Told
-from diagrams.live.lines import Heard
-from diagrams.live.refused import Counted, Refused
+from quietfix.diagrams.live.bench import Moment, Runner, Told
+from quietfix.diagrams.live.lines import Heard
+from quietfix.diagrams.live.refused import Counted, Refused
 
 __all__ = ["Done", "Outcome", "Tick", "Track"]
 
@@ -29,7 +29,7 @@ class Tick:
     time : float
         [s].
     value, scale : ndarray, shape (rows,)
-        See `systems.sensors.handed_rows.HandedRows.hand`.
+        See `quietfix.systems.sensors.handed_rows.HandedRows.hand`.
     rows : set of int
         Which rows there were, with a value or without.
     heard : float

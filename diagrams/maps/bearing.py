@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.map import BoundMap, Plane
-from diagrams.quantities.frame import LOCAL
-from systems.angles.bearing import Bearing
-from systems.motion.base import MotionModel
-from systems.starts.bearing_start import BearingStart
+from quietfix.diagrams.assembly.map import BoundMap, Plane
+from quietfix.diagrams.quantities.frame import LOCAL
+from quietfix.systems.angles.bearing import Bearing
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.bearing_start import BearingStart
 
 __all__ = ["bearing_map"]
 

@@ -13,14 +13,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.assembly.map import BoundMap
-from diagrams.console.progress import Progress
-from diagrams.quantities.frame import UNITS
-from diagrams.quantities.states import block, columns
-from diagrams.statistics.bounds import bound_squares
-from diagrams.statistics.posterior_bound import bound_steps
-from diagrams.statistics.state_errors import QUANTITIES
-from systems.measurement.base import MeasurementModel
+from quietfix.diagrams.assembly.map import BoundMap
+from quietfix.diagrams.console.progress import Progress
+from quietfix.diagrams.quantities.frame import UNITS
+from quietfix.diagrams.quantities.states import block, columns
+from quietfix.diagrams.statistics.bounds import bound_squares
+from quietfix.diagrams.statistics.posterior_bound import bound_steps
+from quietfix.diagrams.statistics.state_errors import QUANTITIES
+from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["last_bound", "map_bounds"]
 

@@ -9,11 +9,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from diagrams.quantities.frame import Frame, as_frame
-from diagrams.quantities.states import POSITION, columns
-from diagrams.schema.errors import UserError
-from systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
-from systems.earth.geodetic import up as normal
+from quietfix.diagrams.quantities.frame import Frame, as_frame
+from quietfix.diagrams.quantities.states import POSITION, columns
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+from quietfix.systems.earth.geodetic import up as normal
 
 __all__ = ["Chart", "Flat", "Shell", "Upright", "chart_of", "moved_to"]
 

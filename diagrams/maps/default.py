@@ -14,19 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.assembly.build import Assembly, build
-from diagrams.assembly.map import BoundMap, Plane, View
-from diagrams.assembly.model import Model
-from diagrams.maps.charts import chart_of, moved_to
-from diagrams.maps.sides import sides_of
-from diagrams.quantities.states import POSITION, VELOCITY, columns, shared, translated
-from diagrams.schema.errors import UserError
-from diagrams.statistics.bounds import alike, rows_present
-from systems.estimators.base import Estimator
-from systems.integration import simulator_of
-from systems.recorder import record
-from systems.sensors.sensor import Sensor
-from systems.signals import Draw, set_draw
+from quietfix.diagrams.assembly.build import Assembly, build
+from quietfix.diagrams.assembly.map import BoundMap, Plane, View
+from quietfix.diagrams.assembly.model import Model
+from quietfix.diagrams.maps.charts import chart_of, moved_to
+from quietfix.diagrams.maps.sides import sides_of
+from quietfix.diagrams.quantities.states import POSITION, VELOCITY, columns, shared, translated
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.bounds import alike, rows_present
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.integration import simulator_of
+from quietfix.systems.recorder import record
+from quietfix.systems.sensors.sensor import Sensor
+from quietfix.systems.signals import Draw, set_draw
 
 __all__ = ["default_maps", "recorded_course"]
 

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.map import BoundMap, Plane
-from diagrams.quantities.frame import LAUNCH
-from systems.clocks import Periodic
-from systems.geometry.visibility import SphericalMask
-from systems.measurement.range_rate import RangeRate
-from systems.motion.base import MotionModel
-from systems.trajectories.rocket import LaunchSite
+from quietfix.diagrams.assembly.map import BoundMap, Plane
+from quietfix.diagrams.quantities.frame import LAUNCH
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.geometry.visibility import SphericalMask
+from quietfix.systems.measurement.range_rate import RangeRate
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.trajectories.rocket import LaunchSite
 
 __all__ = ["flight_map"]
 

@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.map import BoundMap, Plane
-from diagrams.parts.formation import satellite_orbit
-from diagrams.parts.ground import Airborne, beside_track, track_axes, tracks
-from diagrams.schema.errors import UserError
-from systems.clocks import Periodic
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.earth.geodetic import up
-from systems.geometry.visibility import ElevationMask
-from systems.measurement.base import MeasurementModel
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.trajectories.great_circle import straight_line
+from quietfix.diagrams.assembly.map import BoundMap, Plane
+from quietfix.diagrams.parts.formation import satellite_orbit
+from quietfix.diagrams.parts.ground import Airborne, beside_track, track_axes, tracks
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.earth.geodetic import up
+from quietfix.systems.geometry.visibility import ElevationMask
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.trajectories.great_circle import straight_line
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -206,7 +206,7 @@ def ground_areas(dataset: xr.Dataset) -> dict[str, dict[str, float]]:
 
 
 def _print_areas(dataset: xr.Dataset) -> None:
-    from diagrams.console.tables import Column, Table, print_table
+    from quietfix.diagrams.console.tables import Column, Table, print_table
 
     limits = [("position", limit) for limit in POSITION_LIMITS] + [("height", limit) for limit in HEIGHT_LIMITS]
     titles = [f"{quantity} {limit / 1e3:g} km" for quantity, limit in limits]

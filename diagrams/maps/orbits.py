@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.map import BoundMap, Plane
-from diagrams.quantities.frame import INERTIAL
-from systems.geometry.visibility import Mask
-from systems.measurement.base import MeasurementModel
-from systems.motion.orbital import OrbitalMotion
+from quietfix.diagrams.assembly.map import BoundMap, Plane
+from quietfix.diagrams.quantities.frame import INERTIAL
+from quietfix.systems.geometry.visibility import Mask
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.orbital import OrbitalMotion
 
 __all__ = ["orbit_map"]
 

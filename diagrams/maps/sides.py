@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.map import View
-from diagrams.maps.charts import Chart, Upright
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.assembly.map import View
+from quietfix.diagrams.maps.charts import Chart, Upright
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["sides_of"]
 

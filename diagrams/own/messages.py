@@ -5,16 +5,16 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from pathlib import Path
 
-from diagrams.own.declaring.sensing import placed_sensors
-from diagrams.own.fed.rows import rows_of
-from diagrams.own.fields.schema import OwnScenario
-from diagrams.own.system import places_of
-from diagrams.paths.records import Setting
-from diagrams.readers.measurements import read_measurements
-from diagrams.schema.errors import UserError
-from diagrams.writers.tdm import tdm_text
-from diagrams.writers.tdm_table import message_of_table
-from systems.earth.time_scales import posix_to_tai
+from quietfix.diagrams.own.declaring.sensing import placed_sensors
+from quietfix.diagrams.own.fed.rows import rows_of
+from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.own.system import places_of
+from quietfix.diagrams.paths.records import Setting
+from quietfix.diagrams.readers.measurements import read_measurements
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.writers.tdm import tdm_text
+from quietfix.diagrams.writers.tdm_table import message_of_table
+from quietfix.systems.earth.time_scales import posix_to_tai
 
 __all__ = ["write_message"]
 

@@ -10,40 +10,40 @@ from pathlib import Path as FilePath
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.model import Assumed, Model, Part
-from diagrams.assembly.recorded import Recorded
-from diagrams.assembly.source import look_in
-from diagrams.assembly.system import System
-from diagrams.own.classes import plants
-from diagrams.own.declaring.apart import check_apart
-from diagrams.own.declaring.asking import ask_own
-from diagrams.own.declaring.beginning import Begin, Surroundings, begin
-from diagrams.own.declaring.impairing import Together, impaired
-from diagrams.own.declaring.resolving import open_cycles, phase_resolvers
-from diagrams.own.declaring.sensing import NAME, PlacedSensor, differentiated, placed_sensors, used_rows
-from diagrams.own.declaring.target import Target, target_motion, true_motion, with_bias
-from diagrams.own.fed.handed import Handed, handed
-from diagrams.own.fed.measured import measured, recorded_of, setting_of, table_of_scenario, true_paths
-from diagrams.own.fed.played import Played
-from diagrams.own.fields.schema import OwnScenario
-from diagrams.own.fields.view import view_of
-from diagrams.parts.formation import gravity_constants
-from diagrams.parts.impairment import KnownPlatforms
-from diagrams.parts.movers import Platforms
-from diagrams.parts.sensing import TargetSensor
-from diagrams.paths.functions import Path, path_of, paths_of
-from diagrams.paths.movers import Mover, Platform, RandomMotion, Tle
-from diagrams.paths.places import Places
-from diagrams.paths.records import Setting, old_elements
-from diagrams.paths.tables import doubtful_table
-from diagrams.schema.errors import UserError, shown
-from diagrams.schema.scenario import read_yaml
-from systems.clocks import Clock, Merged
-from systems.estimators.options import EstimatorOptions
-from systems.integration import LONGEST_STEP
-from systems.motion.base import MotionModel
-from systems.plants.path import Path as PathBlock
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.model import Assumed, Model, Part
+from quietfix.diagrams.assembly.recorded import Recorded
+from quietfix.diagrams.assembly.source import look_in
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.own.classes import plants
+from quietfix.diagrams.own.declaring.apart import check_apart
+from quietfix.diagrams.own.declaring.asking import ask_own
+from quietfix.diagrams.own.declaring.beginning import Begin, Surroundings, begin
+from quietfix.diagrams.own.declaring.impairing import Together, impaired
+from quietfix.diagrams.own.declaring.resolving import open_cycles, phase_resolvers
+from quietfix.diagrams.own.declaring.sensing import NAME, PlacedSensor, differentiated, placed_sensors, used_rows
+from quietfix.diagrams.own.declaring.target import Target, target_motion, true_motion, with_bias
+from quietfix.diagrams.own.fed.handed import Handed, handed
+from quietfix.diagrams.own.fed.measured import measured, recorded_of, setting_of, table_of_scenario, true_paths
+from quietfix.diagrams.own.fed.played import Played
+from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.own.fields.view import view_of
+from quietfix.diagrams.parts.formation import gravity_constants
+from quietfix.diagrams.parts.impairment import KnownPlatforms
+from quietfix.diagrams.parts.movers import Platforms
+from quietfix.diagrams.parts.sensing import TargetSensor
+from quietfix.diagrams.paths.functions import Path, path_of, paths_of
+from quietfix.diagrams.paths.movers import Mover, Platform, RandomMotion, Tle
+from quietfix.diagrams.paths.places import Places
+from quietfix.diagrams.paths.records import Setting, old_elements
+from quietfix.diagrams.paths.tables import doubtful_table
+from quietfix.diagrams.schema.errors import UserError, shown
+from quietfix.diagrams.schema.scenario import read_yaml
+from quietfix.systems.clocks import Clock, Merged
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.integration import LONGEST_STEP
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.plants.path import Path as PathBlock
 
 __all__ = ["OwnScenario", "declare", "own_system", "places_of"]
 
@@ -79,7 +79,7 @@ def places_of(scenario: OwnScenario) -> Places:
 
 
 def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = False, scaled: bool = False) -> Model:
-    """Return platforms, target, sensors and what the estimators are given; see `diagrams.assembly`.
+    """Return platforms, target, sensors and what the estimators are given; see `quietfix.diagrams.assembly`.
 
     Parameters
     ----------
@@ -87,7 +87,8 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
     folder : Path
         What paths in the scenario are relative to.
     live : bool
-        Whether measurements are handed over one by one: a part of the model is `diagrams.own.fed.handed.Handed`.
+        Whether measurements are handed over one by one: a part of the model is
+        `quietfix.diagrams.own.fed.handed.Handed`.
     scaled : bool
         Whether the noise of rows is handed over with them.
     """

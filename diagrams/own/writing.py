@@ -9,13 +9,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.own.declaring.sensing import placed_sensors
-from diagrams.own.fed.measured import believed_noise
-from diagrams.own.fed.rows import Row, rows_of
-from diagrams.own.fields.schema import OwnScenario
-from diagrams.own.system import places_of
-from diagrams.quantities.states import POSITION, VELOCITY
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.own.declaring.sensing import placed_sensors
+from quietfix.diagrams.own.fed.measured import believed_noise
+from quietfix.diagrams.own.fed.rows import Row, rows_of
+from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.own.system import places_of
+from quietfix.diagrams.quantities.states import POSITION, VELOCITY
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["write_measurements", "write_truth"]
 

@@ -12,29 +12,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from diagrams.schema.errors import UserError
-from systems.ambiguity.estimate import CrossAmbiguity
-from systems.ambiguity.prefilter import Everything, Matched, Prefilter
-from systems.ambiguity.variance import exact
-from systems.angles.direction import BodyDirection
-from systems.clocks import Periodic
-from systems.constants import SPEED_OF_LIGHT
-from systems.documented import choice, count, documented, number
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.geometry.visibility import Mask
-from systems.iq import modulation, pulse_train
-from systems.iq.bussgang import Quantiser
-from systems.iq.waveform import Waveform
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.tdoa import Tdoa
-from systems.plants.orbit import DenseOrbit
-from systems.sensors.joined import JoinedMeasurements, JoinedPart
-from systems.signal_chain.cross_ambiguity import QUALITY, CrossAmbiguitySensor
-from systems.signal_chain.inter_satellite_link import InterSatelliteLink
-from systems.signal_chain.receiver import Receiver
-from systems.signal_chain.search_window import SearchWindow
-from systems.signal_chain.transmitter import Transmitter
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.ambiguity.estimate import CrossAmbiguity
+from quietfix.systems.ambiguity.prefilter import Everything, Matched, Prefilter
+from quietfix.systems.ambiguity.variance import exact
+from quietfix.systems.angles.direction import BodyDirection
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.documented import choice, count, documented, number
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.geometry.visibility import Mask
+from quietfix.systems.iq import modulation, pulse_train
+from quietfix.systems.iq.bussgang import Quantiser
+from quietfix.systems.iq.waveform import Waveform
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.sensors.joined import JoinedMeasurements, JoinedPart
+from quietfix.systems.signal_chain.cross_ambiguity import QUALITY, CrossAmbiguitySensor
+from quietfix.systems.signal_chain.inter_satellite_link import InterSatelliteLink
+from quietfix.systems.signal_chain.receiver import Receiver
+from quietfix.systems.signal_chain.search_window import SearchWindow
+from quietfix.systems.signal_chain.transmitter import Transmitter
 
 __all__ = [
     "QUALITY",
@@ -181,7 +181,7 @@ def predicted_sigmas(signal: Signal) -> tuple[float, float]:
     """Return the standard deviations of TDOA [s] and FDOA [Hz] to first order in the noise and what the link distorts.
 
     They are what bounds are computed with; the estimators get those that the samples of every epoch show. What the link
-    distorts is that of a stationary Gaussian signal, see `systems.ambiguity.variance`.
+    distorts is that of a stationary Gaussian signal, see `quietfix.systems.ambiguity.variance`.
     """
     rate = signal.sample_rate_mhz * 1e6
     matched = Matched(waveform_of(signal))
@@ -253,7 +253,7 @@ class SignalChain:
         return _note(self.signal)
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         longest = _longest_baseline(self.orbit, self.duration, self.orbit.constants.earth_rate) / SPEED_OF_LIGHT
         self._receive(bus, longest)
         signal = self.signal

@@ -9,13 +9,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.schema.errors import UserError
-from systems.documented import documented, number
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.geometry.visibility import ElevationMask
-from systems.plants.orbit import DenseOrbit
-from systems.trajectories.gravity import GravityConstants
-from systems.trajectories.kepler import KeplerElements, mean_anomaly, state_of
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.documented import documented, number
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.geometry.visibility import ElevationMask
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.trajectories.gravity import GravityConstants
+from quietfix.systems.trajectories.kepler import KeplerElements, mean_anomaly, state_of
 
 __all__ = [
     "EarthConstants",

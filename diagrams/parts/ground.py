@@ -8,10 +8,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from diagrams.parts.formation import Formation
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.earth.geodetic import ecef_to_geodetic, geodetic_state
-from systems.plants.orbit import DenseOrbit
+from quietfix.diagrams.parts.formation import Formation
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_state
+from quietfix.systems.plants.orbit import DenseOrbit
 
 __all__ = ["Airborne", "AirborneTruth", "beside_track", "track_axes", "tracks"]
 

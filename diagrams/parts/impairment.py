@@ -8,17 +8,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from diagrams.parts.sensor_errors import SensorErrors
-from diagrams.schema.errors import UserError
-from systems.clocks import Clock
-from systems.measurement.base import MeasurementModel
-from systems.motion.gauss_markov import GaussMarkov
-from systems.plants.model_plant import ModelPlant
-from systems.sensors.attitude_error import AttitudeError
-from systems.sensors.navigation import Navigation
-from systems.sensors.platform_error import PlatformError
-from systems.sensors.reading_error import ReadingError
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.parts.sensor_errors import SensorErrors
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.clocks import Clock
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.gauss_markov import GaussMarkov
+from quietfix.systems.plants.model_plant import ModelPlant
+from quietfix.systems.sensors.attitude_error import AttitudeError
+from quietfix.systems.sensors.navigation import Navigation
+from quietfix.systems.sensors.platform_error import PlatformError
+from quietfix.systems.sensors.reading_error import ReadingError
 
 __all__ = ["Impaired", "KnownPlatforms", "Mount", "NavigationError"]
 
@@ -82,7 +82,7 @@ class Impaired:
     prefix: str = ""
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         signal = self._misread(bus, self._turn(bus, self.takes))
         bus.publish(**dict.fromkeys(self.gives, bus[signal]))
 
@@ -159,7 +159,7 @@ class KnownPlatforms:
     name: str = "platform_error"
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         if not (self.sigma_position or self.sigma_velocity):
             bus.publish(known=bus["platforms"])
             return
@@ -190,7 +190,7 @@ class NavigationError:
     axes: int = 3
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         if self.sigma == 0:
             bus.publish(known=bus["platforms"])
             return

@@ -10,9 +10,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from systems.ambiguity.differences import Flag
-from systems.iq.block import IqBlock
-from systems.signal_chain.cross_ambiguity import QUALITY
+from quietfix.systems.ambiguity.differences import Flag
+from quietfix.systems.iq.block import IqBlock
+from quietfix.systems.signal_chain.cross_ambiguity import QUALITY
 
 __all__ = ["PAIR_SIGNALS", "PairResult", "Piece", "pair_result", "pieces"]
 
@@ -66,7 +66,7 @@ class PairResult:
     tdoa, fdoa, sigma_tdoa, sigma_fdoa : ndarray, shape (samples,)
         [s], [Hz], and the standard deviations that the samples let expect.
     peak, coherence : ndarray, shape (samples,)
-        See `systems.ambiguity.differences.Differences`.
+        See `quietfix.systems.ambiguity.differences.Differences`.
     flag : ndarray of int, shape (samples,)
         Sum of `Flag`.
     """

@@ -9,14 +9,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from diagrams.parts.iq_comparison import PAIR_SIGNALS, pieces
-from systems.ambiguity.differences import Window
-from systems.ambiguity.estimate import CrossAmbiguity
-from systems.clocks import Clock, Periodic, Times
-from systems.iq.block import IqBlock
-from systems.signal_chain.cross_ambiguity import CrossAmbiguitySensor
-from systems.signal_chain.recorded_iq import RecordedIq
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.parts.iq_comparison import PAIR_SIGNALS, pieces
+from quietfix.systems.ambiguity.differences import Window
+from quietfix.systems.ambiguity.estimate import CrossAmbiguity
+from quietfix.systems.clocks import Clock, Periodic, Times
+from quietfix.systems.iq.block import IqBlock
+from quietfix.systems.signal_chain.cross_ambiguity import CrossAmbiguitySensor
+from quietfix.systems.signal_chain.recorded_iq import RecordedIq
 
 __all__ = ["IqPairs"]
 
@@ -34,7 +34,7 @@ class _Plan:
 
 @dataclass(frozen=True, eq=False)
 class IqPairs:
-    """A block for each recording and one for each pair; publishes the `PAIR_SIGNALS` of `diagrams.parts.iq_comparison`.
+    """A block for each recording and one for each pair; publishes the `PAIR_SIGNALS` of `iq_comparison`.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class IqPairs:
         return _Plan(clock, ends[-1], counts.count(0))
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         if bus.trials != 1:
             raise ValueError(f"trials: {bus.trials} at once are not allowed; a recording plays 1")
         names, clock = list(self.recordings), self.plan.clock

@@ -11,12 +11,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.schema.errors import UserError
-from systems.documented import choice, documented, number
-from systems.plants.recorded_flight import RecordedFlight
-from systems.plants.rocket import Rocket as RocketPlant
-from systems.trajectories.rocket import LaunchSite, RocketModel
-from systems.trajectories.rocket import Stage as RocketStage
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.documented import choice, documented, number
+from quietfix.systems.plants.recorded_flight import RecordedFlight
+from quietfix.systems.plants.rocket import Rocket as RocketPlant
+from quietfix.systems.trajectories.rocket import LaunchSite, RocketModel
+from quietfix.systems.trajectories.rocket import Stage as RocketStage
 
 __all__ = [
     "Falcon9",
@@ -241,6 +241,6 @@ def vehicle_block(scenario: Launch) -> RocketPlant | RecordedFlight:
             said = re.sub(r"^stages\.(\d+)\.(\w+):", lambda m: f"stages.{m[1]}.{_FIELDS.get(m[2], m[2])}:", str(error))
             said = said.replace("pitch program:", "pitch_times_s, pitch_deg:")
             raise UserError(said if said.startswith("rocket:") else f"vehicle.{said}") from error
-    from diagrams.readers.falcon9 import falcon9_plant
+    from quietfix.diagrams.readers.falcon9 import falcon9_plant
 
     return falcon9_plant(scenario.vehicle, launch_site(scenario), scenario.stop_s)

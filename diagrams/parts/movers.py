@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from diagrams.parts.formation import GreatCircle, Motion, RandomAcceleration
-from systems.clocks import Clock
-from systems.motion.base import MotionModel
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.plants.emitter import GreatCircle as GreatCirclePlant
-from systems.plants.emitter import StraightLine as StraightLinePlant
-from systems.plants.model_plant import ModelPlant
-from systems.signals import EnsembleBlock
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.parts.formation import GreatCircle, Motion, RandomAcceleration
+from quietfix.systems.clocks import Clock
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.plants.emitter import GreatCircle as GreatCirclePlant
+from quietfix.systems.plants.emitter import StraightLine as StraightLinePlant
+from quietfix.systems.plants.model_plant import ModelPlant
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["Emitter", "ModelTarget", "Platforms", "true_motion"]
 
@@ -39,7 +39,7 @@ class Platforms:
     port: str = "state"
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         bus.add(self.make(), gives={"platforms": self.port})
 
 
@@ -68,7 +68,7 @@ class ModelTarget:
     name: str = "target"
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         trials = 1 if self.shared else bus.trials
         plant = ModelPlant(self.motion, self.clock, self.mean, self.covariance, trials, name=self.name)
         bus.add(plant, gives={"target": "state", "truth": "state"})
@@ -94,7 +94,7 @@ class Emitter:
     clock: Clock
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         bus.add(self._block(bus.trials), gives={"target": "state", "truth": "state"})
 
     def _block(self, trials: int) -> ModelPlant | GreatCirclePlant | StraightLinePlant:

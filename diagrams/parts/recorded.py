@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from systems.clocks import Merged, Times
-from systems.playback.track_truth import TrackTruth
-from systems.sensors.recorded import RecordedMeasurements, Recording
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.systems.clocks import Merged, Times
+from quietfix.systems.playback.track_truth import TrackTruth
+from quietfix.systems.sensors.recorded import RecordedMeasurements, Recording
 
 __all__ = ["RecordedStream"]
 
@@ -71,7 +71,7 @@ class RecordedStream:
         return float(self.clock.ticks(np.inf)[-1])
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         block = RecordedMeasurements(self.played)
         if bus.trials != block.trials:
             raise ValueError(f"trials: {bus.trials} at once are not allowed; a recording plays {block.trials}")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from diagrams.assembly.bus import Bus
-from systems.angles.phase import InterferometerPhase
-from systems.estimators.phase_resolver import PhaseResolver
-from systems.measurement.tdoa import Tdoa
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.estimators.phase_resolver import PhaseResolver
+from quietfix.systems.measurement.tdoa import Tdoa
 
 __all__ = ["PhaseResolution"]
 
@@ -52,7 +52,7 @@ class PhaseResolution:
         return list(block.stream)
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         known_trials, numbers = bus.shape("known")
         block = PhaseResolver(
             self.rows,

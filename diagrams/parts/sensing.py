@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from diagrams.assembly.bus import Bus
-from systems.clocks import Clock
-from systems.geometry.visibility import Mask
-from systems.measurement.base import MeasurementModel
-from systems.sensors.sensor import Sensor
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.systems.clocks import Clock
+from quietfix.systems.geometry.visibility import Mask
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.sensors.sensor import Sensor
 
 __all__ = ["TargetSensor"]
 
@@ -39,7 +39,7 @@ class TargetSensor:
     gives: Sequence[str] = ()
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         (target_trials, size), (platform_trials, numbers) = bus.shape("target"), bus.shape("platforms")
         if numbers % 6:
             raise ValueError(f"signal: platforms of {numbers} numbers is not allowed; six for each platform")

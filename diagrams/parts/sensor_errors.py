@@ -1,4 +1,4 @@
-"""Errors of sensors that no estimator knows of: scenario fields; `diagrams.parts.impairment` puts them on a bus."""
+"""Errors of sensors that no estimator knows of: scenario fields; `impairment` puts them on a bus."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.schema.errors import UserError
-from systems.documented import count, number
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.documented import count, number
 
 __all__ = ["NO_CLOCKS", "CommonErrors", "SensorErrors", "refuse"]
 

@@ -11,15 +11,15 @@ from pathlib import Path as FilePath
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.paths.movers import Oem
-from diagrams.paths.records import Setting, file_of, of_field, stamp_of
-from diagrams.readers.ccsds.oem import EphemerisMessage, EphemerisSegment, read_oem
-from diagrams.schema.errors import UserError
-from systems.celestial import equinox_to_earth_fixed, j2000_to_earth_fixed
-from systems.earth.frames import earth_fixed_to_inertial
-from systems.earth.time_scales import posix_of, posix_to_tai, to_tai
-from systems.plants.ephemeris import spline_samples
-from systems.plants.recorded import hermite
+from quietfix.diagrams.paths.movers import Oem
+from quietfix.diagrams.paths.records import Setting, file_of, of_field, stamp_of
+from quietfix.diagrams.readers.ccsds.oem import EphemerisMessage, EphemerisSegment, read_oem
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.celestial import equinox_to_earth_fixed, j2000_to_earth_fixed
+from quietfix.systems.earth.frames import earth_fixed_to_inertial
+from quietfix.systems.earth.time_scales import posix_of, posix_to_tai, to_tai
+from quietfix.systems.plants.ephemeris import spline_samples
+from quietfix.systems.plants.recorded import hermite
 
 __all__ = ["oem_path"]
 
@@ -54,7 +54,7 @@ def oem_path(field: Oem, setting: Setting, earth_rate: float, where: str) -> Pat
     """Return a satellite's inertial state as a function of time, in axes that are Earth-fixed at t = 0.
 
     Each sample is turned to Earth-fixed axes at its own time, and from there by the constant rate of the Earth. Within
-    a segment it is interpolated by `systems.plants.ephemeris.spline_samples`, never across two.
+    a segment it is interpolated by `quietfix.systems.plants.ephemeris.spline_samples`, never across two.
 
     Raises
     ------

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.parts import launch
-from diagrams.paths.movers import Rocket
-from diagrams.schema.errors import UserError
-from systems.earth.geodetic import geodetic_to_ecef
-from systems.plants.rocket import Rocket as RocketPlant
-from systems.trajectories.gravity import GravityConstants
+from quietfix.diagrams.parts import launch
+from quietfix.diagrams.paths.movers import Rocket
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.geodetic import geodetic_to_ecef
+from quietfix.systems.plants.rocket import Rocket as RocketPlant
+from quietfix.systems.trajectories.gravity import GravityConstants
 
 __all__ = ["rocket_path"]
 
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class _Launch:
-    """See `diagrams.parts.launch.Launch`."""
+    """See `quietfix.diagrams.parts.launch.Launch`."""
 
     stop_s: float
     constants: launch.SphericalEarth

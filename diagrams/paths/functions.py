@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.parts.formation import initial_state
-from diagrams.paths.ephemerides import oem_path
-from diagrams.paths.flight import rocket_path
-from diagrams.paths.movers import (
+from quietfix.diagrams.parts.formation import initial_state
+from quietfix.diagrams.paths.ephemerides import oem_path
+from quietfix.diagrams.paths.flight import rocket_path
+from quietfix.diagrams.paths.movers import (
     Fixed,
     Geodetic,
     Gpx,
@@ -33,18 +33,18 @@ from diagrams.paths.movers import (
     Track,
     Waypoints,
 )
-from diagrams.paths.receivers import gpx_path
-from diagrams.paths.records import Setting, sp3_path, tle_path, track_path
-from diagrams.paths.tables import platform_path
-from diagrams.quantities.frame import EARTH_FIXED, INERTIAL, LOCAL, Frame, as_frame
-from diagrams.schema.errors import UserError
-from systems.earth.frames import earth_fixed_to_inertial, inertial_to_earth_fixed
-from systems.earth.geodetic import geodetic_state
-from systems.plants.orbit import DenseOrbit
-from systems.trajectories.gravity import GravityConstants
-from systems.trajectories.great_circle import great_circle, straight_line
-from systems.trajectories.level_waypoints import LevelWaypointPath
-from systems.trajectories.waypoints import WaypointPath
+from quietfix.diagrams.paths.receivers import gpx_path
+from quietfix.diagrams.paths.records import Setting, sp3_path, tle_path, track_path
+from quietfix.diagrams.paths.tables import platform_path
+from quietfix.diagrams.quantities.frame import EARTH_FIXED, INERTIAL, LOCAL, Frame, as_frame
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.frames import earth_fixed_to_inertial, inertial_to_earth_fixed
+from quietfix.systems.earth.geodetic import geodetic_state
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.trajectories.gravity import GravityConstants
+from quietfix.systems.trajectories.great_circle import great_circle, straight_line
+from quietfix.systems.trajectories.level_waypoints import LevelWaypointPath
+from quietfix.systems.trajectories.waypoints import WaypointPath
 
 __all__ = ["ALLOWED", "Path", "path_of", "paths_of"]
 

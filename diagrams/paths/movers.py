@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from diagrams.parts import launch
-from diagrams.parts.formation import Kepler, Offset, PositionVelocity
-from systems.documented import documented, number, text
+from quietfix.diagrams.parts import launch
+from quietfix.diagrams.parts.formation import Kepler, Offset, PositionVelocity
+from quietfix.systems.documented import documented, number, text
 
 __all__ = [
     "Fixed",

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from diagrams.parts.sensor_errors import CommonErrors
-from diagrams.quantities.frame import Frame
-from diagrams.schema.errors import UserError, choose
-from systems.documented import choice, documented, number, text
-from systems.trajectories.gravity import GravityConstants
+from quietfix.diagrams.parts.sensor_errors import CommonErrors
+from quietfix.diagrams.quantities.frame import Frame
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.systems.documented import choice, documented, number, text
+from quietfix.systems.trajectories.gravity import GravityConstants
 
 __all__ = ["Errors", "Places", "Timed"]
 

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.paths.movers import Gpx
-from diagrams.paths.records import Setting, file_of, of_field, recorded_path
-from diagrams.readers.gpx import GpxTrack, read_gpx
-from diagrams.schema.errors import UserError
-from systems.earth.geodetic import geodetic_to_ecef
-from systems.earth.time_scales import posix_to_tai
+from quietfix.diagrams.paths.movers import Gpx
+from quietfix.diagrams.paths.records import Setting, file_of, of_field, recorded_path
+from quietfix.diagrams.readers.gpx import GpxTrack, read_gpx
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.geodetic import geodetic_to_ecef
+from quietfix.systems.earth.time_scales import posix_to_tai
 
 __all__ = ["gpx_path"]
 

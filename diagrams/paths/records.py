@@ -14,19 +14,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.parts.formation import ReferenceOrbit
-from diagrams.paths.movers import Sp3, Tle, Track
-from diagrams.quantities.frame import EARTH_FIXED, Frame
-from diagrams.readers.doppler.elements import UNIX_EPOCH, checked_satellite
-from diagrams.readers.doptrack_data import teme_to_earth_fixed
-from diagrams.readers.instants import instant
-from diagrams.schema.errors import UserError, shown
-from systems.earth.frames import earth_fixed_to_inertial
-from systems.earth.geodetic import geodetic_to_ecef
-from systems.files import Unreadable, read_text, regular_size
-from systems.plants.recorded import RecordedTruth, hermite
-from systems.plants.sp3 import PreciseOrbit, read_sp3
-from systems.plants.sp3_records import in_utc
+from quietfix.diagrams.parts.formation import ReferenceOrbit
+from quietfix.diagrams.paths.movers import Sp3, Tle, Track
+from quietfix.diagrams.quantities.frame import EARTH_FIXED, Frame
+from quietfix.diagrams.readers.doppler.elements import UNIX_EPOCH, checked_satellite
+from quietfix.diagrams.readers.doptrack_data import teme_to_earth_fixed
+from quietfix.diagrams.readers.instants import instant
+from quietfix.diagrams.schema.errors import UserError, shown
+from quietfix.systems.earth.frames import earth_fixed_to_inertial
+from quietfix.systems.earth.geodetic import geodetic_to_ecef
+from quietfix.systems.files import Unreadable, read_text, regular_size
+from quietfix.systems.plants.recorded import RecordedTruth, hermite
+from quietfix.systems.plants.sp3 import PreciseOrbit, read_sp3
+from quietfix.systems.plants.sp3_records import in_utc
 
 __all__ = [
     "Setting",

@@ -9,13 +9,13 @@ from pathlib import Path as FilePath
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.paths.movers import Platform
-from diagrams.paths.records import Setting, file_of, of_field, recorded_path, stamp_of
-from diagrams.quantities.frame import EARTH_FIXED, INERTIAL, Frame
-from diagrams.readers.platforms import PlatformRows, PlatformTable, read_platforms
-from diagrams.schema.errors import UserError, choose
-from systems.earth.geodetic import geodetic_to_ecef
-from systems.earth.time_scales import posix_to_tai
+from quietfix.diagrams.paths.movers import Platform
+from quietfix.diagrams.paths.records import Setting, file_of, of_field, recorded_path, stamp_of
+from quietfix.diagrams.quantities.frame import EARTH_FIXED, INERTIAL, Frame
+from quietfix.diagrams.readers.platforms import PlatformRows, PlatformTable, read_platforms
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.systems.earth.geodetic import geodetic_to_ecef
+from quietfix.systems.earth.time_scales import posix_to_tai
 
 __all__ = ["doubtful_table", "platform_path", "platforms_of", "stands"]
 
@@ -35,7 +35,7 @@ def platforms_of(path: FilePath | str) -> dict[str, Platform]:
     Raises
     ------
     UserError
-        As `diagrams.readers.platforms.read_platforms`.
+        As `quietfix.diagrams.readers.platforms.read_platforms`.
     """
     return {name: Platform(str(path), name) for name in read_platforms(path).platforms}
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.earth.geodetic import up
+from quietfix.systems.earth.geodetic import up
 
 __all__ = [
     "Directions",

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.quantities.directions import (
+from quietfix.diagrams.quantities.directions import (
     Directions,
     earth_directions,
     inertial_directions,
     launch_directions,
     local_directions,
 )
-from diagrams.quantities.states import POSITION, VELOCITY
-from diagrams.schema.errors import UserError
-from systems.earth.geodetic import course_speed, ecef_to_geodetic, enu_rotation, up
+from quietfix.diagrams.quantities.states import POSITION, VELOCITY
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.geodetic import course_speed, ecef_to_geodetic, enu_rotation, up
 
 if TYPE_CHECKING:
     import xarray as xr

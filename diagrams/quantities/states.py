@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.motion.base import MotionModel
+from quietfix.systems.motion.base import MotionModel
 
 __all__ = ["POSITION", "VELOCITY", "CarriedMotion", "Moves", "block", "columns", "shared", "translated"]
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.schema.errors import UserError
-from systems.angle_wrapping import wrap
-from systems.angles.bearing import from_compass
-from systems.files import Unreadable, read_text
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.angles.bearing import from_compass
+from quietfix.systems.files import Unreadable, read_text
 
 __all__ = ["Bearings", "read_bearings"]
 

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["Source", "data_folder"]
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.readers.instants import instant
-from diagrams.schema.errors import UserError
-from diagrams.schema.yaml_text import load_yaml
-from systems.constants import EARTH_RATE, SPEED_OF_LIGHT
-from systems.earth.geodetic import geodetic_to_ecef
-from systems.files import read_text
+from quietfix.diagrams.readers.instants import instant
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.yaml_text import load_yaml
+from quietfix.systems.constants import EARTH_RATE, SPEED_OF_LIGHT
+from quietfix.systems.earth.geodetic import geodetic_to_ecef
+from quietfix.systems.files import read_text
 
 __all__ = ["NOMINAL", "Pass", "read_passes", "satellite_states", "teme_to_earth_fixed"]
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from diagrams.readers.data import Source, data_folder
-from diagrams.schema.errors import UserError
-from systems.files import Unreadable, read_text
-from systems.plants.recorded_flight import RecordedFlight
-from systems.trajectories.planar_flight import PlanarFlight, fit_planar_flight
-from systems.trajectories.rocket import LaunchSite
+from quietfix.diagrams.readers.data import Source, data_folder
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.files import Unreadable, read_text
+from quietfix.systems.plants.recorded_flight import RecordedFlight
+from quietfix.systems.trajectories.planar_flight import PlanarFlight, fit_planar_flight
+from quietfix.systems.trajectories.rocket import LaunchSite
 
 __all__ = ["falcon9_flight", "falcon9_plant"]
 

@@ -13,9 +13,9 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.schema.errors import UserError, shown
-from systems.earth.time_scales import to_tai
-from systems.files import Unreadable, read_bytes
+from quietfix.diagrams.schema.errors import UserError, shown
+from quietfix.systems.earth.time_scales import to_tai
+from quietfix.systems.files import Unreadable, read_bytes
 
 __all__ = ["GpxTrack", "read_gpx"]
 
@@ -38,7 +38,7 @@ class GpxTrack:
     name : str
         Empty: it has none.
     second : ndarray of int, shape (k,)
-        Whole seconds of TAI since 1970; see `systems.earth.time_scales`.
+        Whole seconds of TAI since 1970; see `quietfix.systems.earth.time_scales`.
     rest : ndarray, shape (k,)
         And the rest [s].
     latitude, longitude : ndarray, shape (k,)

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.readers.data import Source
-from diagrams.schema.errors import UserError
-from systems.earth.geodetic import geodetic_to_ecef
-from systems.files import read_text
-from systems.iq.kiwi import GpsRecording, read_kiwi
+from quietfix.diagrams.readers.data import Source
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.geodetic import geodetic_to_ecef
+from quietfix.systems.files import read_text
+from quietfix.systems.iq.kiwi import GpsRecording, read_kiwi
 
 __all__ = ["SOURCE", "KiwiData", "read_folder"]
 

@@ -23,9 +23,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.schema.errors import UserError
-from systems.earth.geodetic import geodetic_to_ecef
-from systems.files import Unreadable, read_text
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.geodetic import geodetic_to_ecef
+from quietfix.systems.files import Unreadable, read_text
 
 __all__ = ["LocardsSet", "Receiver", "Track", "read_receivers", "read_set", "read_sets"]
 

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.readers.rows import Chunk, broken, chunks_of
-from diagrams.readers.stamps import BadStamp, read_stamps
-from diagrams.schema.errors import UserError, shown
+from quietfix.diagrams.readers.rows import Chunk, broken, chunks_of
+from quietfix.diagrams.readers.stamps import BadStamp, read_stamps
+from quietfix.diagrams.schema.errors import UserError, shown
 
 __all__ = ["COLUMNS", "MeasurementTable", "Series", "numbers_of", "read_measurements", "texts_of", "times_of"]
 

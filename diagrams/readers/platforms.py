@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.readers.rows import Chunk, broken, chunks_of
-from diagrams.readers.stamps import BadStamp, read_stamps
+from quietfix.diagrams.readers.rows import Chunk, broken, chunks_of
+from quietfix.diagrams.readers.stamps import BadStamp, read_stamps
 
 __all__ = ["PlatformRows", "PlatformTable", "read_platforms"]
 
@@ -47,7 +47,8 @@ class PlatformRows:
     velocities : ndarray, shape (k, 3), optional
         [m/s]
     second : ndarray of int, shape (k,), optional
-        Strictly increasing: whole seconds of TAI since 1970 (`systems.earth.time_scales`); None: it has no dates.
+        Strictly increasing: whole seconds of TAI since 1970 (`quietfix.systems.earth.time_scales`); None: it has no
+        dates.
     rest : ndarray, shape (k,), optional
         And the rest [s]; without `second` seconds since t = 0. None: it stands.
     """

@@ -9,8 +9,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from diagrams.schema.errors import UserError, shown
-from systems.files import Unreadable, read_bytes, regular_size
+from quietfix.diagrams.schema.errors import UserError, shown
+from quietfix.systems.files import Unreadable, read_bytes, regular_size
 
 __all__ = ["Chunk", "broken", "chunks_of"]
 

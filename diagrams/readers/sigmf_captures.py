@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from diagrams.readers.instants import instant
+from quietfix.diagrams.readers.instants import instant
 
 __all__ = ["Capture", "Part", "captures_of", "finite", "parts_of", "whole"]
 
@@ -34,7 +34,7 @@ class Capture:
     frequency : float
         [Hz]; 0 where it is not said.
     stamp : (int, float) or None
-        UTC, see `diagrams.readers.instants.instant`.
+        UTC, see `quietfix.diagrams.readers.instants.instant`.
     resolution : float
         Of the stamp: a unit of its last digit [s].
     """

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.readers.sigmf_captures import captures_of, finite, parts_of, whole
-from diagrams.schema.errors import UserError
-from systems.files import Unreadable, regular_size
+from quietfix.diagrams.readers.sigmf_captures import captures_of, finite, parts_of, whole
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.files import Unreadable, regular_size
 
 __all__ = ["IqRecording", "Segment", "read_sigmf"]
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.earth.time_scales import from_tai, to_tai
+from quietfix.systems.earth.time_scales import from_tai, to_tai
 
 __all__ = ["BadStamp", "read_stamps", "write_stamps"]
 
@@ -25,7 +25,7 @@ class BadStamp(ValueError):
 def read_stamps(texts: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return ISO 8601 dates with a zone as moments: whole seconds of TAI since 1970, and the rest, 0 to 1 [s].
 
-    Differences of moments are times that have passed, leap seconds too; see `systems.earth.time_scales`.
+    Differences of moments are times that have passed, leap seconds too; see `quietfix.systems.earth.time_scales`.
 
     Raises
     ------

@@ -9,25 +9,25 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.recorded import Recorded
-from diagrams.assembly.system import System
-from diagrams.parts.recorded import RecordedStream
-from diagrams.readers.bearings_file import Bearings, read_bearings
-from diagrams.readers.data import Source
-from diagrams.recorded.reports.bearings_report import MOST, BearingsReport, blocks_of, sigma_of
-from diagrams.schema.errors import UserError
-from systems.angles.bearing import Bearing
-from systems.documented import documented, text
-from systems.fixes.von_mises import robust_fix, sample, von_mises_fix
-from systems.motion.stationary import Stationary
-from systems.options.choice import EstimatorChoice
-from systems.options.crossing import Crossing
-from systems.options.ekf import Ekf
-from systems.options.mgekf import Mgekf
-from systems.sensors.recorded import Recording
-from systems.starts.bearing_start import BearingStart
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.assembly.recorded import Recorded
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.parts.recorded import RecordedStream
+from quietfix.diagrams.readers.bearings_file import Bearings, read_bearings
+from quietfix.diagrams.readers.data import Source
+from quietfix.diagrams.recorded.reports.bearings_report import MOST, BearingsReport, blocks_of, sigma_of
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.angles.bearing import Bearing
+from quietfix.systems.documented import documented, text
+from quietfix.systems.fixes.von_mises import robust_fix, sample, von_mises_fix
+from quietfix.systems.motion.stationary import Stationary
+from quietfix.systems.options.choice import EstimatorChoice
+from quietfix.systems.options.crossing import Crossing
+from quietfix.systems.options.ekf import Ekf
+from quietfix.systems.options.mgekf import Mgekf
+from quietfix.systems.sensors.recorded import Recording
+from quietfix.systems.starts.bearing_start import BearingStart
 
 __all__ = ["SOURCE", "SYSTEM", "Settings", "declare", "declare_bearings"]
 
@@ -55,7 +55,7 @@ class Settings:
 
 
 def declare(settings: Settings) -> Model:
-    """Return recorded bearings and what the estimators are given; see `diagrams.assembly`."""
+    """Return recorded bearings and what the estimators are given; see `quietfix.diagrams.assembly`."""
     if not settings.data:
         raise UserError(f"FILE: it is missing; bearings takes {SOURCE.origin}")
     return declare_bearings(read_bearings(Path(settings.data)))

@@ -13,24 +13,24 @@ from typing import Any
 
 import numpy as np
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.recorded import Recorded
-from diagrams.assembly.system import System
-from diagrams.parts.recorded import RecordedStream
-from diagrams.quantities.states import POSITION
-from diagrams.readers.data import Source, data_folder
-from diagrams.readers.doptrack_data import Pass, read_passes
-from diagrams.recorded.reports.doptrack_report import report
-from diagrams.recorded.settings.doptrack_settings import ORDERS, Settings
-from diagrams.recorded.settings.doptrack_stream import batch_fix, read_stream, start_at
-from systems.estimators.wiring import Tails
-from systems.measurement.altitude import Altitude
-from systems.measurement.range_rate import RangeRate
-from systems.measurement.stack import Stack
-from systems.motion.pass_oscillator import PassOscillator
-from systems.sensors.recorded import Recording
-from systems.starts.start import GivenStart
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.assembly.recorded import Recorded
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.parts.recorded import RecordedStream
+from quietfix.diagrams.quantities.states import POSITION
+from quietfix.diagrams.readers.data import Source, data_folder
+from quietfix.diagrams.readers.doptrack_data import Pass, read_passes
+from quietfix.diagrams.recorded.reports.doptrack_report import report
+from quietfix.diagrams.recorded.settings.doptrack_settings import ORDERS, Settings
+from quietfix.diagrams.recorded.settings.doptrack_stream import batch_fix, read_stream, start_at
+from quietfix.systems.estimators.wiring import Tails
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.range_rate import RangeRate
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.motion.pass_oscillator import PassOscillator
+from quietfix.systems.sensors.recorded import Recording
+from quietfix.systems.starts.start import GivenStart
 
 __all__ = ["ORDERS", "SOURCE", "SYSTEM", "Settings", "batch_fix", "declare", "declare_passes"]
 
@@ -44,7 +44,7 @@ _ROWS = ("range_rate_0", "altitude")
 
 
 def declare(settings: Settings) -> Model:
-    """Return recorded range rates and what the estimators are given; see `diagrams.assembly`."""
+    """Return recorded range rates and what the estimators are given; see `quietfix.diagrams.assembly`."""
     return declare_passes(read_passes(data_folder(SOURCE, settings.data)), settings)
 
 

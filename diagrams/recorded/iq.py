@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.recorded import Recorded
-from diagrams.assembly.system import System
-from diagrams.parts.iq_comparison import Piece, pair_result, pieces
-from diagrams.parts.iq_pairs import IqPairs
-from diagrams.readers.data import Source
-from diagrams.readers.sigmf_file import IqRecording, read_sigmf
-from diagrams.recorded.reports.iq_report import IqReport
-from diagrams.recorded.settings.iq_settings import Settings
-from diagrams.schema.errors import UserError
-from systems.ambiguity.estimate import CrossAmbiguity
-from systems.iq.block import IqBlock
-from systems.sensors.joined import JoinedMeasurements, JoinedPart
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.assembly.recorded import Recorded
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.parts.iq_comparison import Piece, pair_result, pieces
+from quietfix.diagrams.parts.iq_pairs import IqPairs
+from quietfix.diagrams.readers.data import Source
+from quietfix.diagrams.readers.sigmf_file import IqRecording, read_sigmf
+from quietfix.diagrams.recorded.reports.iq_report import IqReport
+from quietfix.diagrams.recorded.settings.iq_settings import Settings
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.ambiguity.estimate import CrossAmbiguity
+from quietfix.systems.iq.block import IqBlock
+from quietfix.systems.sensors.joined import JoinedMeasurements, JoinedPart
 
 __all__ = ["SOURCE", "SYSTEM", "Settings", "declare", "declare_recordings"]
 
@@ -93,7 +93,7 @@ class _Joined:
     pairs: Sequence[tuple[int, int]]
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         takes: dict[str, str] = {}
         for i, j in self.pairs:
             takes |= {f"pair_{j}{i}": f"measurement_{j}{i}"}
@@ -105,7 +105,7 @@ class _Joined:
 
 
 def declare(settings: Settings) -> Model:
-    """Return recorded samples and their comparison; nothing is estimated. See `diagrams.assembly`."""
+    """Return recorded samples and their comparison; nothing is estimated. See `quietfix.diagrams.assembly`."""
     if not settings.data:
         raise UserError(f"FILE: it is missing; iq compares {SOURCE.origin}")
     return declare_recordings([one for file in settings.data for one in read_sigmf(Path(file))], settings)

@@ -13,25 +13,25 @@ from functools import partial
 from itertools import combinations
 from typing import Any
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.recorded import Recorded
-from diagrams.assembly.system import System
-from diagrams.parts.iq_pairs import IqPairs
-from diagrams.quantities.states import POSITION
-from diagrams.readers.data import data_folder
-from diagrams.readers.kiwisdr_data import SOURCE, KiwiData, read_folder
-from diagrams.recorded.reports.kiwisdr_report import report
-from diagrams.recorded.settings.kiwisdr_settings import Settings
-from diagrams.schema.errors import UserError
-from systems.iq.kiwi import common_base
-from systems.measurement.altitude import Altitude
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.motion.constant_velocity import WhiteNoiseAcceleration
-from systems.sensors.joined import JoinedMeasurements, JoinedPart
-from systems.signals import Constant
-from systems.starts.snapshot_start import SnapshotStart
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.assembly.recorded import Recorded
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.parts.iq_pairs import IqPairs
+from quietfix.diagrams.quantities.states import POSITION
+from quietfix.diagrams.readers.data import data_folder
+from quietfix.diagrams.readers.kiwisdr_data import SOURCE, KiwiData, read_folder
+from quietfix.diagrams.recorded.reports.kiwisdr_report import report
+from quietfix.diagrams.recorded.settings.kiwisdr_settings import Settings
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.iq.kiwi import common_base
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
+from quietfix.systems.sensors.joined import JoinedMeasurements, JoinedPart
+from quietfix.systems.signals import Constant
+from quietfix.systems.starts.snapshot_start import SnapshotStart
 
 __all__ = ["SOURCE", "SYSTEM", "KiwiData", "Settings", "declare", "declare_data", "read_folder"]
 
@@ -45,7 +45,7 @@ class _Surroundings:
     data: KiwiData
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         bus.add(Constant("stations", self.data.still.reshape(1, -1)), gives={"platforms": "state"})
         bus.add(Constant("mast", self.data.mast[None]), gives={"truth": "state"})
 
@@ -58,7 +58,7 @@ class _Joined:
     altitude: Altitude
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         bus.add(Constant("surface", [[0.0]]))
         parts = {f"pair_{j}{i}": JoinedPart(2) for i, j in self.used}
         takes = {"altitude": "surface.state"}
@@ -70,7 +70,7 @@ class _Joined:
 
 
 def declare(settings: Settings) -> Model:
-    """Return recorded samples, their comparison and what the estimators are given; see `diagrams.assembly`."""
+    """Return recorded samples, their comparison and what the estimators are given; see `quietfix.diagrams.assembly`."""
     return declare_data(read_folder(data_folder(SOURCE, settings.data)), settings)
 
 

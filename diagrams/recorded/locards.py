@@ -15,28 +15,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.recorded import Recorded
-from diagrams.assembly.system import System
-from diagrams.parts.recorded import RecordedStream
-from diagrams.quantities.states import POSITION
-from diagrams.readers.data import Source, data_folder
-from diagrams.readers.locards_data import LocardsSet, Track, read_sets
-from diagrams.recorded.reports.locards_report import Piece, report
-from diagrams.recorded.settings.locards_settings import FALLBACK_M, LEAST_M, Settings
-from diagrams.recorded.settings.locards_sigma import residual_sigma
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.geodetic import geodetic_to_ecef
-from systems.estimators.arrival_gate import ArrivalGate
-from systems.geometry.refractivity import mean_refractivity
-from systems.measurement.altitude import Altitude
-from systems.measurement.base import MeasurementModel
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.motion.constant_velocity import WhiteNoiseAcceleration
-from systems.sensors.recorded import Recording
-from systems.starts.snapshot_start import SnapshotStart
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.assembly.recorded import Recorded
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.parts.recorded import RecordedStream
+from quietfix.diagrams.quantities.states import POSITION
+from quietfix.diagrams.readers.data import Source, data_folder
+from quietfix.diagrams.readers.locards_data import LocardsSet, Track, read_sets
+from quietfix.diagrams.recorded.reports.locards_report import Piece, report
+from quietfix.diagrams.recorded.settings.locards_settings import FALLBACK_M, LEAST_M, Settings
+from quietfix.diagrams.recorded.settings.locards_sigma import residual_sigma
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.geodetic import geodetic_to_ecef
+from quietfix.systems.estimators.arrival_gate import ArrivalGate
+from quietfix.systems.geometry.refractivity import mean_refractivity
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
+from quietfix.systems.sensors.recorded import Recording
+from quietfix.systems.starts.snapshot_start import SnapshotStart
 
 __all__ = ["SOURCE", "SYSTEM", "Settings", "declare", "declare_sets", "recording", "split"]
 
@@ -91,7 +91,7 @@ def split(track: Track, gap: float) -> list[Track]:
 
 
 def declare(settings: Settings) -> Model:
-    """Return the tracks of all sets and what the estimators are given; see `diagrams.assembly`."""
+    """Return the tracks of all sets and what the estimators are given; see `quietfix.diagrams.assembly`."""
     return declare_sets(read_sets(data_folder(SOURCE, settings.data)), settings)
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from diagrams.schema.errors import UserError, shown
-from diagrams.schema.yaml_text import lines_of
-from systems.files import Unreadable, read_text
+from quietfix.diagrams.schema.errors import UserError, shown
+from quietfix.diagrams.schema.yaml_text import lines_of
+from quietfix.systems.files import Unreadable, read_text
 
 __all__ = ["Origins", "origins_of"]
 

@@ -12,9 +12,9 @@ from functools import cache
 from types import NoneType, UnionType
 from typing import Any, NamedTuple
 
-from diagrams.schema.errors import UserError, choose
-from diagrams.schema.yaml_text import TAG, scalar_text
-from systems.documented import Allowed, refusal
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.diagrams.schema.yaml_text import TAG, scalar_text
+from quietfix.systems.documented import Allowed, refusal
 
 __all__ = ["Field", "check_annotations", "fields_of", "options_of", "read"]
 
@@ -25,7 +25,7 @@ _ALLOWED = "bool, int, float, str, list[...], dict[str, ...], a dataclass, or a 
 
 
 class Field(NamedTuple):
-    """A field of a dataclass: its attribute, its type, its default and what `systems.documented` says of it."""
+    """A field of a dataclass: its attribute, its type, its default and what `documented` says of it."""
 
     name: str
     type: Any

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from diagrams.schema.errors import UserError, shown
-from diagrams.schema.reading import fields_of, options_of, read
-from diagrams.schema.yaml_text import LONGEST, TAG, BadYaml, load_yaml, scalar_text
-from systems.files import Unreadable, read_text
+from quietfix.diagrams.schema.errors import UserError, shown
+from quietfix.diagrams.schema.reading import fields_of, options_of, read
+from quietfix.diagrams.schema.yaml_text import LONGEST, TAG, BadYaml, load_yaml, scalar_text
+from quietfix.systems.files import Unreadable, read_text
 
 __all__ = ["apply_setting", "check_object", "dump", "load", "merge", "read_yaml"]
 

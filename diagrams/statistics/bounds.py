@@ -15,13 +15,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.build import Assembly
-from diagrams.quantities.frame import EARTH_FIXED, Frame, as_frame
-from diagrams.quantities.states import POSITION, VELOCITY, CarriedMotion, Moves, block, columns, shared, translated
-from diagrams.statistics.posterior_bound import bound_steps
-from diagrams.statistics.state_errors import NEEDED, QUANTITIES
-from systems.estimators.base import Estimator
-from systems.motion.base import MotionModel
+from quietfix.diagrams.assembly.build import Assembly
+from quietfix.diagrams.quantities.frame import EARTH_FIXED, Frame, as_frame
+from quietfix.diagrams.quantities.states import (
+    POSITION,
+    VELOCITY,
+    CarriedMotion,
+    Moves,
+    block,
+    columns,
+    shared,
+    translated,
+)
+from quietfix.diagrams.statistics.posterior_bound import bound_steps
+from quietfix.diagrams.statistics.state_errors import NEEDED, QUANTITIES
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.motion.base import MotionModel
 
 __all__ = [
     "BoundSums",
@@ -60,10 +69,10 @@ def bound_squares(
     Returns
     -------
     ndarray, shape (6, ...)
-        In the order of `diagrams.statistics.state_errors.QUANTITIES`: trace of the position part [m^2], variance
-        along the frame's upward direction [m^2], trace of the velocity part [m^2/s^2], variance of the velocity
-        along the horizontal course [m^2/s^2] and, across it, of the course [deg^2], variance of the bias. NaN for
-        what is not in the state, and for the course of a target at rest. (That the local axes turn with the place,
+        In the order of `quietfix.diagrams.statistics.state_errors.QUANTITIES`: trace of the position part [m^2],
+        variance along the frame's upward direction [m^2], trace of the velocity part [m^2/s^2], variance of the
+        velocity along the horizontal course [m^2/s^2] and, across it, of the course [deg^2], variance of the bias. NaN
+        for what is not in the state, and for the course of a target at rest. (That the local axes turn with the place,
         1e-7 rad/m, is left out of speed and course.)
     """
     axes = as_frame(frame)

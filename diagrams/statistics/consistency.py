@@ -7,8 +7,8 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
-from diagrams.statistics.epochs import along
-from diagrams.statistics.state_errors import scored
+from quietfix.diagrams.statistics.epochs import along
+from quietfix.diagrams.statistics.state_errors import scored
 
 __all__ = ["chi_square_band", "nees_statistics", "nis_statistics"]
 

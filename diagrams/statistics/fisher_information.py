@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.filters.whitening import Whitener, whitened_jacobian
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
+from quietfix.systems.filters.whitening import Whitener, whitened_jacobian
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
 
 __all__ = ["Spectrum", "information_roots", "spectrum"]
 

@@ -1,9 +1,9 @@
 """How good the estimates of a study are: errors, RMSE, medians, consistency, convergence, divergence.
 
-Everything is a function of a study's result (`diagrams.run_study`), over all trials and epochs at once. Where the
-*truth* is NaN the error is NaN: nothing is known there, and the trial is left out at that epoch. Where the *estimate*
-is not finite the error is infinite: a lost trial stays in every RMSE and median, and its infinity becomes null
-in ``summary.json``.
+Everything is a function of a study's result (`quietfix.diagrams.run_study`), over all trials and epochs at once. Where
+the *truth* is NaN the error is NaN: nothing is known there, and the trial is left out at that epoch. Where the
+*estimate* is not finite the error is infinite: a lost trial stays in every RMSE and median, and its infinity becomes
+null in ``summary.json``.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from diagrams.quantities.frame import UNITS
-from diagrams.statistics.consistency import nees_statistics, nis_statistics
-from diagrams.statistics.epochs import along, by_number
-from diagrams.statistics.json_numbers import json_numbers
-from diagrams.statistics.state_errors import BOUNDS, QUANTITIES, errors
+from quietfix.diagrams.quantities.frame import UNITS
+from quietfix.diagrams.statistics.consistency import nees_statistics, nis_statistics
+from quietfix.diagrams.statistics.epochs import along, by_number
+from quietfix.diagrams.statistics.json_numbers import json_numbers
+from quietfix.diagrams.statistics.state_errors import BOUNDS, QUANTITIES, errors
 
 __all__ = [
     "armse",

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from diagrams.quantities.states import Moves
-from systems.counting import tally
-from systems.filters.square_root import Gains
-from systems.filters.whitening import Whitener, whitened_jacobian
-from systems.linear_algebra import cholesky, symmetric
-from systems.measurement.base import MeasurementModel
+from quietfix.diagrams.quantities.states import Moves
+from quietfix.systems.counting import tally
+from quietfix.systems.filters.square_root import Gains
+from quietfix.systems.filters.whitening import Whitener, whitened_jacobian
+from quietfix.systems.linear_algebra import cholesky, symmetric
+from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["bound_steps", "posterior_bound"]
 

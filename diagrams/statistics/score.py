@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from diagrams.quantities.states import block, columns, shared
-from systems.signals import EnsembleBlock
+from quietfix.diagrams.quantities.states import block, columns, shared
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["Score", "normalised_error"]
 

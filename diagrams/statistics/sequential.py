@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from diagrams.statistics.intervals import Statistic
+from quietfix.diagrams.statistics.intervals import Statistic
 
 __all__ = ["FAILS", "HOLDS", "UNDECIDED", "WORDS", "Judgement", "Limit", "judge", "plan_looks"]
 

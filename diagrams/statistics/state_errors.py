@@ -10,10 +10,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.quantities.frame import UNITS, frame_of
-from diagrams.quantities.states import POSITION, VELOCITY
-from diagrams.statistics.epochs import along
-from systems.angle_wrapping import wrap
+from quietfix.diagrams.quantities.frame import UNITS, frame_of
+from quietfix.diagrams.quantities.states import POSITION, VELOCITY
+from quietfix.diagrams.statistics.epochs import along
+from quietfix.systems.angle_wrapping import wrap
 
 __all__ = ["BOUNDS", "NEEDED", "QUANTITIES", "axis_errors", "errors", "scored"]
 
@@ -91,7 +91,8 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
 
     Returns
     -------
-    xarray.Dataset, dims (estimator, trial, time), or epoch in the place of time (see `diagrams.statistics.epochs`)
+    xarray.Dataset, dims (estimator, trial, time), or epoch in the place of time (see
+    `quietfix.diagrams.statistics.epochs`)
         ``position`` [m] and ``velocity`` [m/s]: length of the error vector. Signed, estimate minus truth:
         ``height`` above the WGS-84 ellipsoid, or z in local axes [m], horizontal ``speed`` [m/s], ``course`` clockwise
         from north [deg] in [-180, 180), NaN where truth or estimate is at rest. A state without a velocity has

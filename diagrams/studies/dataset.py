@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.assembly.build import Assembly
-from diagrams.quantities.states import POSITION, VELOCITY, columns, shared
-from diagrams.studies.described import UNKNOWN
-from systems.estimators.base import Estimator
-from systems.signals import Component, EnsembleBlock, components_of
+from quietfix.diagrams.assembly.build import Assembly
+from quietfix.diagrams.quantities.states import POSITION, VELOCITY, columns, shared
+from quietfix.diagrams.studies.described import UNKNOWN
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.signals import Component, EnsembleBlock, components_of
 
 __all__ = ["Shape", "states_of"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xarray as xr
 
-from diagrams.quantities.frame import UNITS, frame_of
+from quietfix.diagrams.quantities.frame import UNITS, frame_of
 
 __all__ = ["UNKNOWN", "described"]
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePosixPath
 
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = [
     "MAKING",

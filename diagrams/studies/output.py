@@ -16,8 +16,8 @@ from types import FrameType, TracebackType
 
 import xarray as xr
 
-from diagrams.schema.errors import UserError
-from diagrams.studies.marker import (
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.marker import (
     MAKING,
     MARKER,
     REPLACED,
@@ -30,8 +30,8 @@ from diagrams.studies.marker import (
     lock,
     read_mark,
 )
-from diagrams.studies.marker import strangers as find_strangers
-from diagrams.studies.store import append, consolidate, cut
+from quietfix.diagrams.studies.marker import strangers as find_strangers
+from quietfix.diagrams.studies.store import append, consolidate, cut
 
 __all__ = ["OutputFolder", "undisturbed", "written_beside"]
 
@@ -65,9 +65,9 @@ class OutputFolder:
 
     Work goes to ``DIR.partial``, which one run at a time holds. If the run ends early, finished chunks stay there
     until the next run of that name, and one without any is removed. A folder counts as an earlier result by its
-    marker (`diagrams.studies.marker`) alone; with ``overwrite`` it is replaced at the end, in two renames: it moves
-    into the new folder, and that takes its name. A kill between them leaves both in ``DIR.partial``, and the next run
-    of that name gives it its final name before anything else.
+    marker (`quietfix.diagrams.studies.marker`) alone; with ``overwrite`` it is replaced at the end, in two renames: it
+    moves into the new folder, and that takes its name. A kill between them leaves both in ``DIR.partial``, and the next
+    run of that name gives it its final name before anything else.
 
     Parameters
     ----------

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from diagrams.assembly.find import RECORDINGS, Found, find
-from diagrams.readers.platforms import read_platforms
-from diagrams.readers.rows import broken
-from diagrams.schema.errors import UserError, choose
-from diagrams.schema.reading import fields_of
-from diagrams.schema.scenario import dump
+from quietfix.diagrams.assembly.find import RECORDINGS, Found, find
+from quietfix.diagrams.readers.platforms import read_platforms
+from quietfix.diagrams.readers.rows import broken
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.diagrams.schema.reading import fields_of
+from quietfix.diagrams.schema.scenario import dump
 
 __all__ = ["find_recording", "only_simulated", "recording_settings", "with_data", "with_measurements", "with_platforms"]
 
@@ -108,7 +108,7 @@ def with_platforms(found: Found, settings: Sequence[str] | None, table: Path) ->
     Raises
     ------
     UserError
-        If it is another system, and as `diagrams.readers.platforms.read_platforms`.
+        If it is another system, and as `quietfix.diagrams.readers.platforms.read_platforms`.
     """
     if found.source != "yaml":
         raise UserError(f"--platforms: {table} is not allowed for {found.title}; for a system of one's own in YAML")

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from diagrams.assembly.find import Found
-from diagrams.assembly.lineup import select_estimators
-from diagrams.assembly.recorded import Recorded
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.assembly.find import Found
+from quietfix.diagrams.assembly.lineup import select_estimators
+from quietfix.diagrams.assembly.recorded import Recorded
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["KEEP", "Request", "check_numbers", "count_of", "estimators_of"]
 
@@ -36,7 +36,7 @@ class Request:
 
 
 def check_numbers(trials: int | None, first_trial: int, seed: int, every: int, chunk: int | None) -> None:
-    """Refuse numbers that are none, or out of range; see `diagrams.studies.whole.run_study`."""
+    """Refuse numbers that are none, or out of range; see `quietfix.diagrams.studies.whole.run_study`."""
     for what, value, least in (
         ("trials", 1 if trials is None else trials, 1),
         ("first-trial", first_trial, 0),

@@ -10,15 +10,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from diagrams.assembly.companions import changed
-from diagrams.assembly.find import PACKAGED, RECORDINGS, Found, find, fingerprint_of, read_own, systems
-from diagrams.assembly.source import look_in
-from diagrams.schema.errors import UserError, choose
-from diagrams.studies.marker import MARKER, read_mark
-from diagrams.studies.recordings import with_data
-from diagrams.studies.result_schema import check_version, upgraded_scenario
-from diagrams.studies.results import find_store
-from diagrams.studies.store import read_attributes
+from quietfix.diagrams.assembly.companions import changed
+from quietfix.diagrams.assembly.find import PACKAGED, RECORDINGS, Found, find, fingerprint_of, read_own, systems
+from quietfix.diagrams.assembly.source import look_in
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.diagrams.studies.marker import MARKER, read_mark
+from quietfix.diagrams.studies.recordings import with_data
+from quietfix.diagrams.studies.result_schema import check_version, upgraded_scenario
+from quietfix.diagrams.studies.results import find_store
+from quietfix.diagrams.studies.store import read_attributes
 
 __all__ = ["ask_again"]
 
@@ -26,7 +26,7 @@ _SOURCES = ("packaged", "installed", "module", "file", "yaml", "object")
 
 
 def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: bool) -> tuple[Found, dict[str, Any]]:
-    """Return system and options of an earlier result, as `diagrams.studies.study.Study` takes them.
+    """Return system and options of an earlier result, as `quietfix.diagrams.studies.study.Study` takes them.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
     UserError
         Naming the attribute, its value and what is allowed, or the class.
     """
-    from diagrams.studies.request import KEEP
+    from quietfix.diagrams.studies.request import KEEP
 
     if "scenario" in asked:
         raise UserError("--scenario: it cannot be combined with --from; use --set")

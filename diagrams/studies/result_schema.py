@@ -8,8 +8,8 @@ from typing import Any
 
 import xarray as xr
 
-from diagrams.schema.errors import UserError
-from diagrams.schema.scenario import read_yaml
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.scenario import read_yaml
 
 __all__ = ["SCHEMA_VERSION", "check_version", "upgraded", "upgraded_scenario"]
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from diagrams.schema.errors import UserError
-from diagrams.studies.result_schema import SCHEMA_VERSION, check_version, upgraded
-from diagrams.studies.store import check_store
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION, check_version, upgraded
+from quietfix.diagrams.studies.store import check_store
 
 __all__ = ["find_store", "open_result", "write_summary"]
 

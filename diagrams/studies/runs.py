@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
-from diagrams.assembly.model import Model
-from systems.clocks import Clock, Stepped
-from systems.playback.tracks import play_track
-from systems.signals import Draw, set_draw
+from quietfix.diagrams.assembly.model import Model
+from quietfix.systems.clocks import Clock, Stepped
+from quietfix.systems.playback.tracks import play_track
+from quietfix.systems.signals import Draw, set_draw
 
 __all__ = ["Run", "padded", "runs", "simulate"]
 

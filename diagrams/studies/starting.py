@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from diagrams.statistics.metrics import not_started
+from quietfix.diagrams.statistics.metrics import not_started
 
 __all__ = ["why_not_started"]
 

@@ -6,7 +6,7 @@ import time
 import weakref
 from typing import Any
 
-from systems.estimators.base import Estimator
+from quietfix.systems.estimators.base import Estimator
 
 __all__ = ["Stopwatch"]
 

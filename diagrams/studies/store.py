@@ -10,7 +10,7 @@ from typing import Any
 import xarray as xr
 import zarr
 
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["append", "check_store", "consolidate", "cut", "read_attributes"]
 

@@ -18,26 +18,26 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from diagrams.assembly.build import Assembly, build
-from diagrams.assembly.companions import companions
-from diagrams.assembly.find import Found, find
-from diagrams.assembly.model import Model
-from diagrams.assembly.recorded import Report
-from diagrams.assembly.system import System
-from diagrams.console.progress import Progress
-from diagrams.schema.errors import UserError, choose, in_users_words
-from diagrams.schema.origins import origins_of
-from diagrams.schema.scenario import dump
-from diagrams.statistics.bounds import StudyBounds
-from diagrams.statistics.score import Score
-from diagrams.studies.dataset import Shape, states_of
-from diagrams.studies.described import described
-from diagrams.studies.request import KEEP, Request, check_numbers, count_of, estimators_of
-from diagrams.studies.result_schema import SCHEMA_VERSION
-from diagrams.studies.runs import Run, padded, runs, simulate
-from systems.clocks import Clock, Stepped, Times
-from systems.integration import simulator_of
-from systems.recorder import Recorder, record
+from quietfix.diagrams.assembly.build import Assembly, build
+from quietfix.diagrams.assembly.companions import companions
+from quietfix.diagrams.assembly.find import Found, find
+from quietfix.diagrams.assembly.model import Model
+from quietfix.diagrams.assembly.recorded import Report
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.console.progress import Progress
+from quietfix.diagrams.schema.errors import UserError, choose, in_users_words
+from quietfix.diagrams.schema.origins import origins_of
+from quietfix.diagrams.schema.scenario import dump
+from quietfix.diagrams.statistics.bounds import StudyBounds
+from quietfix.diagrams.statistics.score import Score
+from quietfix.diagrams.studies.dataset import Shape, states_of
+from quietfix.diagrams.studies.described import described
+from quietfix.diagrams.studies.request import KEEP, Request, check_numbers, count_of, estimators_of
+from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
+from quietfix.diagrams.studies.runs import Run, padded, runs, simulate
+from quietfix.systems.clocks import Clock, Stepped, Times
+from quietfix.systems.integration import simulator_of
+from quietfix.systems.recorder import Recorder, record
 
 __all__ = ["Study"]
 
@@ -337,7 +337,7 @@ class Study:
 
     @property
     def of_tracks(self) -> bool:
-        """Whether the trials are tracks of unequal length; see `diagrams.statistics.epochs`."""
+        """Whether the trials are tracks of unequal length; see `quietfix.diagrams.statistics.epochs`."""
         return self._epochs > 0
 
     def report(self, dataset: xr.Dataset) -> Report | None:

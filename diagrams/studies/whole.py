@@ -7,9 +7,9 @@ from typing import Any
 
 import xarray as xr
 
-from diagrams.assembly.find import Found
-from diagrams.assembly.system import System
-from diagrams.studies.study import Study
+from quietfix.diagrams.assembly.find import Found
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.studies.study import Study
 
 __all__ = ["join", "run_study"]
 
@@ -35,7 +35,7 @@ def run_study(
     ----------
     system : str or System
         ``NAME[:VARIANT]``, ``package.module:OBJECT[:VARIANT]``, ``FILE.py:OBJECT[:VARIANT]``, ``FILE.yaml``, or the
-        object; see `diagrams.assembly.find.find`.
+        object; see `quietfix.diagrams.assembly.find.find`.
     variant : str, optional
         Variant, if it is not in `system`.
     scenario : path, str or dataclass, optional

@@ -12,10 +12,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.schema.errors import UserError, choose
-from diagrams.statistics.intervals import Statistic
-from diagrams.verification.study_view import StudyFacts, StudyView
-from systems.documented import documented, number, text
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.diagrams.statistics.intervals import Statistic
+from quietfix.diagrams.verification.study_view import StudyFacts, StudyView
+from quietfix.systems.documented import documented, number, text
 
 __all__ = ["ErrorMetric", "Metric", "TimedMetric", "mean_over_epochs", "mean_squares"]
 

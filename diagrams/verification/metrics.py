@@ -1,6 +1,6 @@
 """The metrics that a requirement may be about, one class and YAML tag each.
 
-Everything is SI, courses in degrees, as in `diagrams.statistics.state_errors`.
+Everything is SI, courses in degrees, as in `quietfix.diagrams.statistics.state_errors`.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.schema.errors import UserError, choose
-from diagrams.statistics.intervals import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean, Statistic
-from diagrams.statistics.state_errors import QUANTITIES
-from diagrams.verification.metric import ErrorMetric, Metric, TimedMetric, mean_over_epochs, mean_squares
-from diagrams.verification.study_view import StudyFacts, StudyView
-from systems.documented import choice, documented, number, text
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.diagrams.statistics.intervals import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean, Statistic
+from quietfix.diagrams.statistics.state_errors import QUANTITIES
+from quietfix.diagrams.verification.metric import ErrorMetric, Metric, TimedMetric, mean_over_epochs, mean_squares
+from quietfix.diagrams.verification.study_view import StudyFacts, StudyView
+from quietfix.systems.documented import choice, documented, number, text
 
 __all__ = ["METRICS", "MetricChoice", "RmseRatio"]
 

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from diagrams.verification.specification import Requirement
-    from diagrams.verification.verify import Verification
+    from quietfix.diagrams.verification.specification import Requirement
+    from quietfix.diagrams.verification.verify import Verification
 
 __all__ = ["RequirementItem", "RequirementsFile"]
 
@@ -48,8 +48,8 @@ class RequirementsFile(pytest.File):
 
     def collect(self) -> Iterator[RequirementItem]:
         """Yield one item per requirement."""
-        from diagrams.schema.errors import UserError
-        from diagrams.verification.verify import Verification
+        from quietfix.diagrams.schema.errors import UserError
+        from quietfix.diagrams.verification.verify import Verification
 
         try:
             verification = Verification(self.path)
@@ -73,8 +73,8 @@ class RequirementItem(pytest.Item):
 
     def runtest(self) -> None:
         """Judge it; what is not held is a failure, also what is undecided."""
-        from diagrams.schema.errors import UserError
-        from diagrams.statistics.sequential import HOLDS
+        from quietfix.diagrams.schema.errors import UserError
+        from quietfix.diagrams.statistics.sequential import HOLDS
 
         try:
             finding = self.verification.judge(self.requirement)

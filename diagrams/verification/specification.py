@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from diagrams.assembly.find import find
-from diagrams.assembly.lineup import estimator_key
-from diagrams.assembly.source import beside
-from diagrams.schema.errors import UserError, choose
-from diagrams.schema.origins import Origins
-from diagrams.schema.scenario import load, read_yaml
-from diagrams.statistics.sequential import Limit, plan_looks
-from diagrams.studies.recordings import only_simulated
-from diagrams.verification.metric import Metric
-from diagrams.verification.metrics import MetricChoice, RmseRatio
-from systems.documented import Allowed, count, documented, number, text
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.assembly.lineup import estimator_key
+from quietfix.diagrams.assembly.source import beside
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.diagrams.schema.origins import Origins
+from quietfix.diagrams.schema.scenario import load, read_yaml
+from quietfix.diagrams.statistics.sequential import Limit, plan_looks
+from quietfix.diagrams.studies.recordings import only_simulated
+from quietfix.diagrams.verification.metric import Metric
+from quietfix.diagrams.verification.metrics import MetricChoice, RmseRatio
+from quietfix.systems.documented import Allowed, count, documented, number, text
 
 __all__ = ["SUFFIX", "Case", "Requirement", "Specification", "read_specification"]
 

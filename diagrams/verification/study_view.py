@@ -9,10 +9,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.assembly.build import Assembly
-from diagrams.quantities.frame import UNITS, Frame
-from diagrams.quantities.states import shared
-from diagrams.statistics.state_errors import NEEDED, axis_errors, errors
+from quietfix.diagrams.assembly.build import Assembly
+from quietfix.diagrams.quantities.frame import UNITS, Frame
+from quietfix.diagrams.quantities.states import shared
+from quietfix.diagrams.statistics.state_errors import NEEDED, axis_errors, errors
 
 __all__ = ["StudyFacts", "StudyView"]
 
@@ -46,7 +46,7 @@ class StudyFacts:
 
 
 def _quantities(states: Sequence[str], judged: Sequence[str], frame: Frame) -> list[str]:
-    """Return what `diagrams.statistics.state_errors` finds of those components, where the study judges more."""
+    """Return what `state_errors` finds of those components, where the study judges more."""
     found = [of for of in frame.quantities(judged) if set(shared(NEEDED[of], judged)) <= set(states)]
     return list(dict.fromkeys([*found, *states]))
 
@@ -57,7 +57,7 @@ class StudyView:
     Parameters
     ----------
     dataset : xarray.Dataset
-        From `diagrams.studies.study.Study.chunks`.
+        From `quietfix.diagrams.studies.study.Study.chunks`.
     """
 
     def __init__(self, dataset: xr.Dataset) -> None:

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.find import find
-from diagrams.assembly.lineup import estimator_key
-from diagrams.schema.errors import UserError, choose
-from diagrams.studies.study import Study
-from diagrams.verification.metrics import RmseRatio
-from diagrams.verification.specification import Requirement, Specification
-from diagrams.verification.study_view import StudyFacts, StudyView
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.assembly.lineup import estimator_key
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.verification.metrics import RmseRatio
+from quietfix.diagrams.verification.specification import Requirement, Specification
+from quietfix.diagrams.verification.study_view import StudyFacts, StudyView
 
 __all__ = ["GrowingStudy"]
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from diagrams.assembly.source import beside
-from diagrams.schema.errors import UserError
-from diagrams.schema.origins import Origins
-from diagrams.statistics.sequential import FAILS, UNDECIDED, WORDS, judge
-from diagrams.studies.result_schema import SCHEMA_VERSION
-from diagrams.verification.specification import Requirement, Specification, read_specification
-from diagrams.verification.trials import GrowingStudy
+from quietfix.diagrams.assembly.source import beside
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.origins import Origins
+from quietfix.diagrams.statistics.sequential import FAILS, UNDECIDED, WORDS, judge
+from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
+from quietfix.diagrams.verification.specification import Requirement, Specification, read_specification
+from quietfix.diagrams.verification.trials import GrowingStudy
 
 __all__ = ["Finding", "Report", "Verification", "verify"]
 
@@ -247,7 +247,7 @@ def verify(path: Path | str, *, trials: int | None = None, seed: int | None = No
     Parameters
     ----------
     path : path
-        A requirements file; see `diagrams.verification.specification.Specification`.
+        A requirements file; see `quietfix.diagrams.verification.specification.Specification`.
     trials, seed : int, optional
         Trials at the last look and seed, instead of the file's.
     progress : bool

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.constants import WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED
-from systems.earth.geodetic import enu_rotation
+from quietfix.systems.constants import WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED
+from quietfix.systems.earth.geodetic import enu_rotation
 
 __all__ = ["axes_of", "ellipse_ring"]
 

@@ -11,11 +11,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.quantities.frame import frame_of
-from diagrams.quantities.states import POSITION, VELOCITY
-from diagrams.readers.stamps import write_stamps
-from diagrams.statistics.epochs import along
-from systems.earth.geodetic import ecef_to_geodetic, enu_rotation
+from quietfix.diagrams.quantities.frame import frame_of
+from quietfix.diagrams.quantities.states import POSITION, VELOCITY
+from quietfix.diagrams.readers.stamps import write_stamps
+from quietfix.diagrams.statistics.epochs import along
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
 
 __all__ = ["Columns", "estimate_columns", "state_columns", "write_estimates"]
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.writers.ellipse import ellipse_ring
-from diagrams.writers.meridian import cut_line, cut_ring
-from systems.earth.geodetic import enu_rotation
-from systems.earth.time_scales import from_tai
+from quietfix.diagrams.writers.ellipse import ellipse_ring
+from quietfix.diagrams.writers.meridian import cut_line, cut_ring
+from quietfix.systems.earth.geodetic import enu_rotation
+from quietfix.systems.earth.time_scales import from_tai
 
 __all__ = ["EstimatedTrack", "geojson_text", "horizontal"]
 
@@ -34,7 +34,7 @@ class EstimatedTrack:
     name : str
         Of the target or the estimator.
     second : ndarray of int, shape (k,)
-        Whole seconds of TAI since 1970; see `systems.earth.time_scales`.
+        Whole seconds of TAI since 1970; see `quietfix.systems.earth.time_scales`.
     rest : ndarray, shape (k,)
         And the rest [s].
     latitude, longitude : ndarray, shape (k,)

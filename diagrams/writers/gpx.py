@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterable, Iterator
 from xml.sax.saxutils import escape
 
-from diagrams.readers.gpx import GpxTrack
-from systems.earth.time_scales import from_tai
+from quietfix.diagrams.readers.gpx import GpxTrack
+from quietfix.systems.earth.time_scales import from_tai
 
 __all__ = ["gpx_text"]
 
@@ -16,7 +16,7 @@ _NO_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def gpx_text(tracks: Iterable[GpxTrack], creator: str = "quietfix") -> str:
-    """Return tracks as text; `diagrams.readers.gpx.read_gpx` makes equal ones of it.
+    """Return tracks as text; `quietfix.diagrams.readers.gpx.read_gpx` makes equal ones of it.
 
     Numbers have as many digits as tell them from every other one.
 

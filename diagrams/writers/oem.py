@@ -6,17 +6,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from diagrams.readers.ccsds.oem import EphemerisMessage, EphemerisSegment
-from diagrams.readers.ccsds.oem_covariance import Covariance
-from diagrams.readers.ccsds.oem_keywords import HEADER, METADATA
-from diagrams.writers.kvn import assignments, comments
-from systems.earth.time_scales import from_tai
+from quietfix.diagrams.readers.ccsds.oem import EphemerisMessage, EphemerisSegment
+from quietfix.diagrams.readers.ccsds.oem_covariance import Covariance
+from quietfix.diagrams.readers.ccsds.oem_keywords import HEADER, METADATA
+from quietfix.diagrams.writers.kvn import assignments, comments
+from quietfix.systems.earth.time_scales import from_tai
 
 __all__ = ["oem_text"]
 
 
 def oem_text(message: EphemerisMessage) -> str:
-    """Return a message as text; `diagrams.readers.ccsds.oem.read_oem` makes an equal message of it.
+    """Return a message as text; `quietfix.diagrams.readers.ccsds.oem.read_oem` makes an equal message of it.
 
     Raises
     ------

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from diagrams.readers.ccsds.tdm import TrackingMessage, TrackingSegment
-from diagrams.readers.ccsds.tdm_keywords import HEADER, METADATA
-from diagrams.writers.kvn import assignments, comments
-from systems.earth.time_scales import from_tai
+from quietfix.diagrams.readers.ccsds.tdm import TrackingMessage, TrackingSegment
+from quietfix.diagrams.readers.ccsds.tdm_keywords import HEADER, METADATA
+from quietfix.diagrams.writers.kvn import assignments, comments
+from quietfix.systems.earth.time_scales import from_tai
 
 __all__ = ["tdm_text"]
 
 
 def tdm_text(message: TrackingMessage) -> str:
-    """Return a message as text; `diagrams.readers.ccsds.tdm.read_tdm` makes an equal message of it.
+    """Return a message as text; `quietfix.diagrams.readers.ccsds.tdm.read_tdm` makes an equal message of it.
 
     Numbers have as many digits as tell them from every other one, time tags all that theirs have.
 

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.readers.ccsds.tdm import TrackingMessage
-from diagrams.readers.ccsds.tdm_observations import Link, Observations, message_of
-from diagrams.readers.measurements import MeasurementTable, Series
-from diagrams.readers.units import factor_of
+from quietfix.diagrams.readers.ccsds.tdm import TrackingMessage
+from quietfix.diagrams.readers.ccsds.tdm_observations import Link, Observations, message_of
+from quietfix.diagrams.readers.measurements import MeasurementTable, Series
+from quietfix.diagrams.readers.units import factor_of
 
 __all__ = ["message_of_table"]
 

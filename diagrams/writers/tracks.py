@@ -12,17 +12,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.quantities.frame import frame_of
-from diagrams.quantities.states import POSITION, VELOCITY
-from diagrams.readers.ccsds.oem import EphemerisMessage, EphemerisSegment
-from diagrams.readers.ccsds.oem_covariance import Covariance
-from diagrams.readers.gpx import GpxTrack
-from diagrams.statistics.epochs import along
-from diagrams.writers.geojson import EstimatedTrack, geojson_text, horizontal
-from diagrams.writers.gpx import gpx_text
-from diagrams.writers.oem import oem_text
-from systems.earth.geodetic import ecef_to_geodetic
-from systems.earth.time_scales import from_tai
+from quietfix.diagrams.quantities.frame import frame_of
+from quietfix.diagrams.quantities.states import POSITION, VELOCITY
+from quietfix.diagrams.readers.ccsds.oem import EphemerisMessage, EphemerisSegment
+from quietfix.diagrams.readers.ccsds.oem_covariance import Covariance
+from quietfix.diagrams.readers.gpx import GpxTrack
+from quietfix.diagrams.statistics.epochs import along
+from quietfix.diagrams.writers.geojson import EstimatedTrack, geojson_text, horizontal
+from quietfix.diagrams.writers.gpx import gpx_text
+from quietfix.diagrams.writers.oem import oem_text
+from quietfix.systems.earth.geodetic import ecef_to_geodetic
+from quietfix.systems.earth.time_scales import from_tai
 
 __all__ = ["write_tracks"]
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from systems.ambiguity.coarse import CoarseGrid, ambiguity_grid
-from systems.ambiguity.differences import Differences, Flag
-from systems.ambiguity.fine import Peak, parabola, refine
-from systems.ambiguity.phasor import phasor
-from systems.ambiguity.prefilter import Moments, Prefilter
-from systems.ambiguity.threshold import cells, confidence, right_cell_probability
-from systems.iq.block import IqBlock
+from quietfix.systems.ambiguity.coarse import CoarseGrid, ambiguity_grid
+from quietfix.systems.ambiguity.differences import Differences, Flag
+from quietfix.systems.ambiguity.fine import Peak, parabola, refine
+from quietfix.systems.ambiguity.phasor import phasor
+from quietfix.systems.ambiguity.prefilter import Moments, Prefilter
+from quietfix.systems.ambiguity.threshold import cells, confidence, right_cell_probability
+from quietfix.systems.iq.block import IqBlock
 
 __all__ = ["GUARD", "Health", "Jobs", "Work", "in_parts"]
 

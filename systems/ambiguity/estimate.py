@@ -19,12 +19,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.ambiguity.coarse import plan
-from systems.ambiguity.comparison import GUARD, Health, Jobs, Work, in_parts
-from systems.ambiguity.differences import Differences, Window
-from systems.ambiguity.limits import check_duration
-from systems.ambiguity.prefilter import Everything, Prefilter
-from systems.iq.block import IqBlock
+from quietfix.systems.ambiguity.coarse import plan
+from quietfix.systems.ambiguity.comparison import GUARD, Health, Jobs, Work, in_parts
+from quietfix.systems.ambiguity.differences import Differences, Window
+from quietfix.systems.ambiguity.limits import check_duration
+from quietfix.systems.ambiguity.prefilter import Everything, Prefilter
+from quietfix.systems.iq.block import IqBlock
 
 __all__ = ["CrossAmbiguity"]
 
@@ -148,7 +148,7 @@ class CrossAmbiguity:
                     f"auxiliary sample_rate: {auxiliary.sample_rate} Hz is not allowed; {main.sample_rate} Hz as the "
                     "main receiver's, or declare that it is to be resampled"
                 )
-            from systems.iq.resample import resampled
+            from quietfix.systems.iq.resample import resampled
 
             auxiliary = resampled(auxiliary, main.sample_rate)
         if main.trials != auxiliary.trials and 1 not in (main.trials, auxiliary.trials):

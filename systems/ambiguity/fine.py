@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from systems.ambiguity.phasor import phasor
+from quietfix.systems.ambiguity.phasor import phasor
 
 __all__ = ["Peak", "parabola", "refine"]
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from systems.ambiguity.differences import Window
-from systems.ambiguity.prefilter import Everything, Prefilter
-from systems.iq.block import IqBlock
+from quietfix.systems.ambiguity.differences import Window
+from quietfix.systems.ambiguity.prefilter import Everything, Prefilter
+from quietfix.systems.iq.block import IqBlock
 
 __all__ = ["Surface", "ambiguity_surface"]
 

@@ -16,12 +16,12 @@ ambiguity function processing*, IEEE Trans. ASSP-29 (1981) 588) has :math:`\sigm
 :math:`\sigma_f = 1/(T_e\sqrt{B T\gamma})`, which counts noise inside B as if it were shaped like the signal and none
 outside.
 
-A channel that is quantised is, up to a gain, :math:`a s + n + d` with the distortion d of `systems.iq.bussgang`: its
-density D over the signal's power adds to :math:`\nu`. Where the noise dominates, D is white, and one bit multiplies
-both sigmas by :math:`\sqrt{\pi/2} = 1.25`. As d belongs to s + n, its part in the slope along the delay is smaller than
-that of an independent noise (without n the slope of :math:`\sum s\,Q(s)` is a difference of two ends): with
-:math:`R'_d` the derivative of d's correlation by that of the channel, rho(t), all fourth moments of Gaussian signals
-together give
+A channel that is quantised is, up to a gain, :math:`a s + n + d` with the distortion d of
+`quietfix.systems.iq.bussgang`: its density D over the signal's power adds to :math:`\nu`. Where the noise dominates, D
+is white, and one bit multiplies both sigmas by :math:`\sqrt{\pi/2} = 1.25`. As d belongs to s + n, its part in the
+slope along the delay is smaller than that of an independent noise (without n the slope of :math:`\sum s\,Q(s)` is a
+difference of two ends): with :math:`R'_d` the derivative of d's correlation by that of the channel, rho(t), all fourth
+moments of Gaussian signals together give
 
 .. math:: \int w^2 N W^2 \;\to\; \int w^2 N W^2 - \frac1{f_s}\sum_t a(t)^2 R_d'(\rho(t)),\qquad
           a(t) = \int j w W S e^{jwt} ,
@@ -38,8 +38,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.ambiguity.prefilter import Moments
-from systems.iq.bussgang import Quantiser
+from quietfix.systems.ambiguity.prefilter import Moments
+from quietfix.systems.iq.bussgang import Quantiser
 
 __all__ = ["Sigmas", "best", "effective_snr", "exact", "stein"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angle_wrapping import wrap
-from systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.measurement.base import MeasurementModel, positive
 
 __all__ = ["DirectAzimuth"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angles.bearing import Bearing
-from systems.earth.geodetic import ecef_to_geodetic, enu_rotation
+from quietfix.systems.angles.bearing import Bearing
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
 
 __all__ = ["HorizonBearing"]
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 class HorizonBearing(Bearing):
     r"""A `Bearing` in the platform's own east, north and up, of Earth-fixed states.
 
-    With R the rotation to east-north-up at the platform (`systems.earth.geodetic.enu_rotation`),
+    With R the rotation to east-north-up at the platform (`quietfix.systems.earth.geodetic.enu_rotation`),
     :math:`\Delta = R\,(p - p_i)`; azimuth counter-clockwise from east and elevation are those of `Bearing` for
     :math:`\Delta`, and :math:`\partial z/\partial p = (\partial z/\partial\Delta)\,R`. R is the platform's: it does not
     depend on the target.

@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angle_wrapping import wrap
-from systems.constants import EARTH_RATE
-from systems.geometry.body_frame import body_frame
-from systems.geometry.lines_of_sight import LineOfSight
-from systems.measurement.base import positive
-from systems.measurement.sighted import SightedModel
+from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.constants import EARTH_RATE
+from quietfix.systems.geometry.body_frame import body_frame
+from quietfix.systems.geometry.lines_of_sight import LineOfSight
+from quietfix.systems.measurement.base import positive
+from quietfix.systems.measurement.sighted import SightedModel
 
 __all__ = ["InterferometerPhase", "phase_angle"]
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angle_wrapping import wrap
-from systems.measurement.base import MeasurementModel, positive
-from systems.trajectories.gravity import GravityConstants, acceleration, gradient
+from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.trajectories.gravity import GravityConstants, acceleration, gradient
 
 __all__ = ["ROWS", "RelativeKinematics", "SightAxes", "sight_axes"]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.constants import EARTH_RATE
+from quietfix.systems.constants import EARTH_RATE
 
 __all__ = [
     "acceleration_to_earth_fixed",

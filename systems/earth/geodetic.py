@@ -9,7 +9,7 @@ import numpy as np
 import pymap3d
 from numpy.typing import ArrayLike, NDArray
 
-from systems.constants import WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED, WGS84_FLATTENING
+from quietfix.systems.constants import WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED, WGS84_FLATTENING
 
 __all__ = [
     "course_speed",

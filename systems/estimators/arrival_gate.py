@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 from scipy.stats import chi2
 
-from systems.fixes.snapshot import snapshot_fix, starts_around
-from systems.measurement.base import MeasurementModel, positive
-from systems.measurement.tdoa import Tdoa
-from systems.signals import EnsembleBlock
+from quietfix.systems.fixes.snapshot import snapshot_fix, starts_around
+from quietfix.systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["KEPT", "REFUSED", "ArrivalGate", "without_receivers"]
 

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angle_wrapping import wrap
-from systems.angles.direct_azimuth import DirectAzimuth
-from systems.documented import choice, number
-from systems.estimators.kalman import KalmanEstimator
-from systems.estimators.memory import Epoch, Innovation, Memory
-from systems.estimators.wiring import Wiring
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.measurement.base import positive
-from systems.motion.azimuth_rate import AzimuthRate
-from systems.starts.start import Start
+from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.angles.direct_azimuth import DirectAzimuth
+from quietfix.systems.documented import choice, number
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.measurement.base import positive
+from quietfix.systems.motion.azimuth_rate import AzimuthRate
+from quietfix.systems.starts.start import Start
 
 __all__ = ["AzimuthFilter", "AzimuthFilterOptions", "AzimuthStart"]
 

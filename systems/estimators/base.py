@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
-from systems.clocks import at_ticks, same_instant
-from systems.counting import tally
-from systems.estimators.memory import TO_COME, Epoch, Innovation, Memory, Remembered
-from systems.estimators.wiring import Wiring
-from systems.filters.whitening import unknown_rows
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.signals import EnsembleBlock, components_of
-from systems.starts.start import Start
+from quietfix.systems.clocks import at_ticks, same_instant
+from quietfix.systems.counting import tally
+from quietfix.systems.estimators.memory import TO_COME, Epoch, Innovation, Memory, Remembered
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.whitening import unknown_rows
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.signals import EnsembleBlock, components_of
+from quietfix.systems.starts.start import Start
 
 __all__ = ["Estimator"]
 

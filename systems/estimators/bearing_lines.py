@@ -10,16 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angles.bearing import Bearing
-from systems.estimators.base import Estimator
-from systems.estimators.memory import Epoch, Innovation, Memory
-from systems.estimators.wiring import Wiring
-from systems.filters.gaussian import predict_extended
-from systems.fixes.bearing_likelihood import BearingHistory
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.starts.bearing_start import BearingStart
-from systems.starts.start import Start
+from quietfix.systems.angles.bearing import Bearing
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.gaussian import predict_extended
+from quietfix.systems.fixes.bearing_likelihood import BearingHistory
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.bearing_start import BearingStart
+from quietfix.systems.starts.start import Start
 
 __all__ = ["BearingLocator", "Lately", "Sighting"]
 

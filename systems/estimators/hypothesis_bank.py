@@ -8,21 +8,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angle_wrapping import wrap
-from systems.angles.phase import InterferometerPhase
-from systems.estimators.base import Estimator
-from systems.estimators.memory import Epoch, Innovation, Memory
-from systems.estimators.wiring import Wiring
-from systems.filters.gaussian import GaussianFilter, take
-from systems.filters.hypotheses import branch, in_doubt, log_evidence, mixture, reweigh
-from systems.filters.square_root import Posterior
-from systems.filters.whitening import Whitener, missing_rows
-from systems.linear_algebra import symmetric
-from systems.measurement.base import MeasurementModel
-from systems.measurement.stack import Stack
-from systems.motion.base import MotionModel
-from systems.starts.hypotheses_start import HypothesesStart
-from systems.starts.start import Start
+from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.gaussian import GaussianFilter, take
+from quietfix.systems.filters.hypotheses import branch, in_doubt, log_evidence, mixture, reweigh
+from quietfix.systems.filters.square_root import Posterior
+from quietfix.systems.filters.whitening import Whitener, missing_rows
+from quietfix.systems.linear_algebra import symmetric
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.hypotheses_start import HypothesesStart
+from quietfix.systems.starts.start import Start
 
 __all__ = ["HypothesisBank", "phases_of"]
 

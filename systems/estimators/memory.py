@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.signals import Draw
+from quietfix.systems.signals import Draw
 
 __all__ = ["TO_COME", "Epoch", "Innovation", "Memory", "Remembered"]
 

@@ -6,12 +6,12 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
-from systems.documented import documented
-from systems.estimators.base import Estimator
-from systems.estimators.wiring import Wiring
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.starts.start import Start
+from quietfix.systems.documented import documented
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.start import Start
 
 __all__ = ["EstimatorOptions"]
 

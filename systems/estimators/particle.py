@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.estimators.base import Estimator
-from systems.estimators.memory import Epoch, Innovation, Memory
-from systems.estimators.wiring import Wiring
-from systems.filters.gaussian import take
-from systems.filters.particle.draws import Draws
-from systems.filters.particle.health import COLUMNS, LEAST_EVIDENCE, evidence, follow, normalised_innovation
-from systems.filters.particle.likelihood import Likelihood, Reading
-from systems.filters.particle.update import Cloud, ParticleUpdate
-from systems.filters.particle.weights import effective_size, moments, normalise, unique_sorted
-from systems.filters.whitening import Whitener
-from systems.linear_algebra import semidefinite_root
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.starts.start import CloudStart, Start
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.gaussian import take
+from quietfix.systems.filters.particle.draws import Draws
+from quietfix.systems.filters.particle.health import COLUMNS, LEAST_EVIDENCE, evidence, follow, normalised_innovation
+from quietfix.systems.filters.particle.likelihood import Likelihood, Reading
+from quietfix.systems.filters.particle.update import Cloud, ParticleUpdate
+from quietfix.systems.filters.particle.weights import effective_size, moments, normalise, unique_sorted
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.linear_algebra import semidefinite_root
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.start import CloudStart, Start
 
 __all__ = ["ParticleEstimator"]
 
@@ -53,8 +53,8 @@ class ParticleEstimator(Estimator):
 
     Further outputs, each (trials, 1): ``effective_particles``; ``ancestors``, how many particles of the start of the
     present window all of today's come from; ``evidence`` and its recent average, ``recent_evidence``, see
-    `systems.filters.particle.health.evidence`; ``diverged``, 1 where the recent evidence is too small or the ancestors
-    are no more than the state has components; ``stages`` of tempering in this epoch; ``restarts`` so far.
+    `quietfix.systems.filters.particle.health.evidence`; ``diverged``, 1 where the recent evidence is too small or the
+    ancestors are no more than the state has components; ``stages`` of tempering in this epoch; ``restarts`` so far.
 
     Parameters
     ----------

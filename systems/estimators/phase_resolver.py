@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.angles.phase import InterferometerPhase
-from systems.earth.geodetic import vertical
-from systems.fixes.known_height import wave_front_fix
-from systems.measurement.tdoa import Tdoa
-from systems.signals import EnsembleBlock
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.earth.geodetic import vertical
+from quietfix.systems.fixes.known_height import wave_front_fix
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["PhaseResolver", "resolve"]
 

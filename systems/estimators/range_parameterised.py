@@ -7,14 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.estimators.base import Estimator
-from systems.estimators.memory import Epoch, Innovation, Memory
-from systems.estimators.wiring import Wiring
-from systems.filters.gaussian import GaussianFilter, take
-from systems.filters.whitening import Whitener
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.starts.bearing_start import BearingStart
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.gaussian import GaussianFilter, take
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.bearing_start import BearingStart
 
 __all__ = ["RangeParameterised", "intervals"]
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from systems.clocks import Clock
-from systems.signals import check_trials
+from quietfix.systems.clocks import Clock
+from quietfix.systems.signals import check_trials
 
 __all__ = ["Tails", "Wiring"]
 

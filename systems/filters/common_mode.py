@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.gaussian import GaussianFilter, WrappingFilter
-from systems.filters.square_root import Posterior
-from systems.filters.unscented import UnscentedKalman
-from systems.filters.whitening import Whitener, missing_rows
-from systems.linear_algebra import cholesky
-from systems.measurement.base import MeasurementModel
+from quietfix.systems.filters.gaussian import GaussianFilter, WrappingFilter
+from quietfix.systems.filters.square_root import Posterior
+from quietfix.systems.filters.unscented import UnscentedKalman
+from quietfix.systems.filters.whitening import Whitener, missing_rows
+from quietfix.systems.linear_algebra import cholesky
+from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["CommonModeMonitor", "common_mode_statistics"]
 

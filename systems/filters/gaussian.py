@@ -7,11 +7,11 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.square_root import Posterior
-from systems.filters.whitening import Whitener
-from systems.linear_algebra import symmetric
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
+from quietfix.systems.filters.square_root import Posterior
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.linear_algebra import symmetric
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
 
 __all__ = ["GaussianFilter", "WrappingFilter", "predict_extended", "take"]
 

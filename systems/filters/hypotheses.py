@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.linear_algebra import cholesky, symmetric
+from quietfix.systems.linear_algebra import cholesky, symmetric
 
 __all__ = ["branch", "in_doubt", "log_evidence", "mixture", "reweigh"]
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.gaussian import GaussianFilter
-from systems.filters.square_root import Gains, Posterior, report
-from systems.filters.whitening import Whitener, missing_rows
-from systems.linear_algebra import cholesky
-from systems.measurement.base import MeasurementModel
+from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.filters.square_root import Gains, Posterior, report
+from quietfix.systems.filters.whitening import Whitener, missing_rows
+from quietfix.systems.linear_algebra import cholesky
+from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["ModifiedGainKalman"]
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.gaussian import GaussianFilter, WrappingFilter
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.filters.square_root import Posterior
-from systems.filters.whitening import Whitener
-from systems.measurement.base import MeasurementModel
+from quietfix.systems.filters.gaussian import GaussianFilter, WrappingFilter
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.square_root import Posterior
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["StudentRows"]
 

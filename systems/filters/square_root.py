@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.linear_algebra import cholesky, inverse_lower
+from quietfix.systems.linear_algebra import cholesky, inverse_lower
 
 __all__ = ["Gains", "Posterior", "report"]
 

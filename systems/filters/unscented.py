@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.gaussian import GaussianFilter, predict_extended
-from systems.filters.square_root import Gains, Posterior, report
-from systems.filters.whitening import Whitener, missing_rows
-from systems.linear_algebra import cholesky, inverse_lower, symmetric
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
+from quietfix.systems.filters.gaussian import GaussianFilter, predict_extended
+from quietfix.systems.filters.square_root import Gains, Posterior, report
+from quietfix.systems.filters.whitening import Whitener, missing_rows
+from quietfix.systems.linear_algebra import cholesky, inverse_lower, symmetric
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
 
 __all__ = ["UnscentedKalman"]
 

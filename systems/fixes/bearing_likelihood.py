@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angles.bearing import Bearing
-from systems.linear_algebra import dot
+from quietfix.systems.angles.bearing import Bearing
+from quietfix.systems.linear_algebra import dot
 
 __all__ = ["BearingHistory", "Fit", "QuadraticPrior", "fold", "maximum_likelihood"]
 

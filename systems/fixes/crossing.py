@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.linear_algebra import dot
+from quietfix.systems.linear_algebra import dot
 
 __all__ = [
     "Lines",

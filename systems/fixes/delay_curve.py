@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.geodetic import ecef_to_geodetic, up
-from systems.linear_algebra import solve
-from systems.measurement.base import MeasurementModel
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, up
+from quietfix.systems.linear_algebra import solve
+from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["delay_curve"]
 

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angle_wrapping import wrap
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.geodetic import ecef_to_geodetic
-from systems.filters.whitening import Whitener
-from systems.fixes.delay_curve import delay_curve
-from systems.linear_algebra import inverses, solve
-from systems.measurement.altitude import Altitude
-from systems.measurement.base import MeasurementModel
-from systems.measurement.stack import Stack
+from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.geodetic import ecef_to_geodetic
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.fixes.delay_curve import delay_curve
+from quietfix.systems.linear_algebra import inverses, solve
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.stack import Stack
 
 __all__ = ["IntegerHypotheses", "integer_covariance", "integer_hypotheses", "integer_slope"]
 

@@ -17,12 +17,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef, up, vertical
-from systems.geometry.lines_of_sight import line_of_sight
-from systems.linear_algebra import inverses, solve
-from systems.measurement.base import differenced_covariance
-from systems.measurement.tdoa import Tdoa
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef, up, vertical
+from quietfix.systems.geometry.lines_of_sight import line_of_sight
+from quietfix.systems.linear_algebra import inverses, solve
+from quietfix.systems.measurement.base import differenced_covariance
+from quietfix.systems.measurement.tdoa import Tdoa
 
 __all__ = [
     "DegenerateFormationError",

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angles.relative_kinematics import ROWS, RelativeKinematics
-from systems.fixes.ranging import RangingEquation
-from systems.measurement.base import MeasurementModel
+from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics
+from quietfix.systems.fixes.ranging import RangingEquation
+from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["RangedPosition", "ranging_equation"]
 

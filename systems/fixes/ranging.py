@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.angles.relative_kinematics import sight_axes
-from systems.trajectories.gravity import GravityConstants, acceleration, energy, gradient
+from quietfix.systems.angles.relative_kinematics import sight_axes
+from quietfix.systems.trajectories.gravity import GravityConstants, acceleration, energy, gradient
 
 __all__ = ["RangingEquation"]
 
@@ -69,7 +69,7 @@ class _Line:
 class RangingEquation:
     """Solves the ranging equation and says how good its roots are.
 
-    Measurements are (..., 6) in the order of `systems.angles.relative_kinematics.ROWS`, the observer is its
+    Measurements are (..., 6) in the order of `quietfix.systems.angles.relative_kinematics.ROWS`, the observer is its
     inertial state (..., 6); a measurement with NaN has no roots.
 
     Parameters

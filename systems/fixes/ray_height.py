@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.earth.geodetic import vertical
+from quietfix.systems.earth.geodetic import vertical
 
 __all__ = ["ray_at_height"]
 

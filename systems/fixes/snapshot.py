@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
-from systems.filters.whitening import Whitener
-from systems.linear_algebra import cholesky, inverses, solve, symmetric
-from systems.measurement.base import MeasurementModel
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.linear_algebra import cholesky, inverses, solve, symmetric
+from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["SnapshotFix", "snapshot_fix", "starts_around", "starts_around_level"]
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ive
 
-from systems.angle_wrapping import wrap
+from quietfix.systems.angle_wrapping import wrap
 
 __all__ = ["DirectionFix", "concentration", "robust_fix", "sample", "von_mises_fix", "weighted_fix"]
 

@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.constants import EARTH_RATE
-from systems.earth.frames import nadir_frame_earth_fixed
+from quietfix.systems.constants import EARTH_RATE
+from quietfix.systems.earth.frames import nadir_frame_earth_fixed
 
 __all__ = ["body_frame"]
 
@@ -18,7 +18,8 @@ Array = NDArray[np.float64]
 def body_frame(platforms: Array, platform: int, earth_rate: float = EARTH_RATE) -> Array:
     """Return the body axes of one of platforms (..., p, >= 6), shape (..., 3, 3), read-only.
 
-    Rows: x along the *inertial* velocity, y = z x x, z to nadir; see `systems.earth.frames.nadir_frame_earth_fixed`.
+    Rows: x along the *inertial* velocity, y = z x x, z to nadir; see
+    `quietfix.systems.earth.frames.nadir_frame_earth_fixed`.
 
     Parameters
     ----------

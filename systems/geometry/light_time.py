@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.constants import EARTH_RATE, SPEED_OF_LIGHT
-from systems.trajectories.gravity import GravityConstants, acceleration
+from quietfix.systems.constants import EARTH_RATE, SPEED_OF_LIGHT
+from quietfix.systems.trajectories.gravity import GravityConstants, acceleration
 
 __all__ = ["Arrival", "arrival", "in_orbit"]
 

@@ -9,7 +9,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.earth.geodetic import up
+from quietfix.systems.earth.geodetic import up
 
 __all__ = ["EarthOccultation", "ElevationMask", "Mask", "SphericalMask"]
 

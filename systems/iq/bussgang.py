@@ -32,7 +32,7 @@ _REACH = 10.0  # standard deviations that do not occur
 
 @dataclass(frozen=True)
 class Quantiser:
-    """What `systems.iq.quantise.quantise` does, in the mean.
+    """What `quietfix.systems.iq.quantise.quantise` does, in the mean.
 
     Parameters
     ----------

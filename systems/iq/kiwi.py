@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.files import read_bytes
-from systems.iq.block import IqBlock
-from systems.iq.resample import interpolate
+from quietfix.systems.files import read_bytes
+from quietfix.systems.iq.block import IqBlock
+from quietfix.systems.iq.resample import interpolate
 
 __all__ = ["GpsRecording", "common_base", "read_kiwi"]
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from systems.iq.root_raised_cosine import pulse_coefficients, pulse_sum, raised_cosine, rms_width
-from systems.iq.waveform import Waveform, positive_number
-from systems.noise import uniform
+from quietfix.systems.iq.root_raised_cosine import pulse_coefficients, pulse_sum, raised_cosine, rms_width
+from quietfix.systems.iq.waveform import Waveform, positive_number
+from quietfix.systems.noise import uniform
 
 __all__ = ["BandLimitedNoise", "Qpsk"]
 

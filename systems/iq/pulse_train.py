@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.iq.waveform import Waveform, positive_number
+from quietfix.systems.iq.waveform import Waveform, positive_number
 
 __all__ = ["PulseTrain"]
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from systems.constants import EARTH_RATE, SPEED_OF_LIGHT
-from systems.earth.frames import acceleration_to_inertial, earth_fixed_to_inertial
-from systems.iq.waveform import Emission
+from quietfix.systems.constants import EARTH_RATE, SPEED_OF_LIGHT
+from quietfix.systems.earth.frames import acceleration_to_inertial, earth_fixed_to_inertial
+from quietfix.systems.iq.waveform import Emission
 
 __all__ = ["Delay", "Trajectory", "delay_over", "propagation_delay", "receive", "straight", "with_acceleration"]
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.iq.block import IqBlock
+from quietfix.systems.iq.block import IqBlock
 
 __all__ = ["interpolate", "resampled"]
 

@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["ChosenRows", "only"]
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.checked import Checked, disagreement, state_steps
-from systems.checked import made as made_checked
-from systems.measurement.base import MeasurementModel
+from quietfix.systems.checked import Checked, disagreement, state_steps
+from quietfix.systems.checked import made as made_checked
+from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["CustomMeasurement", "made"]
 
@@ -21,7 +21,7 @@ _NO_GRADIENT = 1e-6  # sigmas per metre or m/s
 
 
 def made(path: str, options: Mapping[str, Any]) -> tuple[MeasurementModel, bool]:
-    """Return a user's model and whether it has a Jacobian of its own; see `systems.checked.made`."""
+    """Return a user's model and whether it has a Jacobian of its own; see `quietfix.systems.checked.made`."""
     model, lacking = made_checked(path, options, MeasurementModel, ["jacobian"])
     assert isinstance(model, MeasurementModel)
     return model, not lacking
@@ -34,9 +34,9 @@ class CustomMeasurement(MeasurementModel):
 
     .. math:: \partial h/\partial x_i \approx [h(x + s_i e_i) - h(x - s_i e_i)]/(2 s_i)
 
-    stand in for it, with the steps of `systems.checked.state_steps`; nearer than 50 m to a platform their errors pass
-    1e-6 of the gradient. A step depends on the target alone, so that a platform that is missing does not change rows
-    that do not use it.
+    stand in for it, with the steps of `quietfix.systems.checked.state_steps`; nearer than 50 m to a platform their
+    errors pass 1e-6 of the gradient. A step depends on the target alone, so that a platform that is missing does not
+    change rows that do not use it.
 
     Parameters
     ----------

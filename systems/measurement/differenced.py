@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.constants import EARTH_RATE
-from systems.geometry.light_time import Arrival, arrival
-from systems.geometry.lines_of_sight import LineOfSight
-from systems.measurement.base import differenced_covariance
-from systems.measurement.sighted import SightedModel
-from systems.trajectories.gravity import GravityConstants
+from quietfix.systems.constants import EARTH_RATE
+from quietfix.systems.geometry.light_time import Arrival, arrival
+from quietfix.systems.geometry.lines_of_sight import LineOfSight
+from quietfix.systems.measurement.base import differenced_covariance
+from quietfix.systems.measurement.sighted import SightedModel
+from quietfix.systems.trajectories.gravity import GravityConstants
 
 __all__ = ["Differenced"]
 
@@ -36,7 +36,7 @@ class Differenced(SightedModel):
     correlated : bool
         Errors correlated through the common reference; see `differenced_covariance`.
     light_time : bool
-        False: geometry of one instant. True: one wave front, see `systems.geometry.light_time.arrival`.
+        False: geometry of one instant. True: one wave front, see `quietfix.systems.geometry.light_time.arrival`.
     earth_rate : float
         Rotation of the Earth-fixed axes [rad/s]; only used with `light_time`.
     constants : GravityConstants, optional

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.geometry.lines_of_sight import LineOfSight
-from systems.measurement.base import positive
-from systems.measurement.sighted import SightedModel
+from quietfix.systems.geometry.lines_of_sight import LineOfSight
+from quietfix.systems.measurement.base import positive
+from quietfix.systems.measurement.sighted import SightedModel
 
 __all__ = ["Range"]
 

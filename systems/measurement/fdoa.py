@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.constants import EARTH_RATE, SPEED_OF_LIGHT
-from systems.geometry.light_time import Arrival
-from systems.geometry.lines_of_sight import LineOfSight
-from systems.measurement.base import positive
-from systems.measurement.differenced import Differenced
-from systems.trajectories.gravity import GravityConstants
+from quietfix.systems.constants import EARTH_RATE, SPEED_OF_LIGHT
+from quietfix.systems.geometry.light_time import Arrival
+from quietfix.systems.geometry.lines_of_sight import LineOfSight
+from quietfix.systems.measurement.base import positive
+from quietfix.systems.measurement.differenced import Differenced
+from quietfix.systems.trajectories.gravity import GravityConstants
 
 __all__ = ["Fdoa"]
 

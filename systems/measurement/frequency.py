@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.constants import SPEED_OF_LIGHT
-from systems.measurement.base import positive
-from systems.measurement.range_rate import RangeRate
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.measurement.base import positive
+from quietfix.systems.measurement.range_rate import RangeRate
 
 __all__ = ["Frequency"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.measurement.base import MeasurementModel, positive
 
 __all__ = ["Position"]
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.measurement.base import MeasurementModel, positive
 
 __all__ = ["RangeRate", "common_part"]
 

@@ -7,8 +7,8 @@ from abc import abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.geometry.lines_of_sight import LineOfSight, line_of_sight
-from systems.measurement.base import MeasurementModel
+from quietfix.systems.geometry.lines_of_sight import LineOfSight, line_of_sight
+from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["SightedModel"]
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from systems.geometry.lines_of_sight import LineOfSight, line_of_sight
-from systems.measurement.base import MeasurementModel
-from systems.measurement.sighted import SightedModel
+from quietfix.systems.geometry.lines_of_sight import LineOfSight, line_of_sight
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.sighted import SightedModel
 
 __all__ = ["Stack"]
 

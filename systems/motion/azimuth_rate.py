@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from systems.motion.constant_velocity import WhiteNoiseAcceleration
+from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
 
 __all__ = ["AzimuthRate"]
 

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.motion.base import MotionModel
+from quietfix.systems.motion.base import MotionModel
 
 __all__ = ["CurrentStatistical", "MeanAcceleration", "singer_input", "singer_noise", "singer_transition"]
 

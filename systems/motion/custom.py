@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.checked import Checked, disagreement, state_steps
-from systems.checked import made as made_checked
-from systems.motion.base import MotionModel
+from quietfix.systems.checked import Checked, disagreement, state_steps
+from quietfix.systems.checked import made as made_checked
+from quietfix.systems.motion.base import MotionModel
 
 __all__ = ["CustomMotion", "made"]
 
@@ -21,7 +21,7 @@ _NO_GRADIENT = 1e-9  # per unit of the state
 
 
 def made(path: str, options: Mapping[str, Any]) -> tuple[MotionModel, bool]:
-    """Return a user's motion and whether it has a transition of its own; see `systems.checked.made`."""
+    """Return a user's motion and whether it has a transition of its own; see `quietfix.systems.checked.made`."""
     motion, lacking = made_checked(path, options, MotionModel, ["transition"])
     assert isinstance(motion, MotionModel)
     return motion, not lacking
@@ -34,8 +34,8 @@ class CustomMotion(MotionModel):
 
     .. math:: \partial f/\partial x_i \approx [f(x + s_i e_i) - f(x - s_i e_i)]/(2 s_i)
 
-    stand in for it, with the steps of `systems.checked.state_steps`: of a motion that is smooth over a kilometre they
-    are off by some 1e-8.
+    stand in for it, with the steps of `quietfix.systems.checked.state_steps`: of a motion that is smooth over a
+    kilometre they are off by some 1e-8.
 
     Parameters
     ----------

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.motion.base import MotionModel
-from systems.trajectories.gravity import GravityConstants, acceleration, gradient, gradient_rate
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.trajectories.gravity import GravityConstants, acceleration, gradient, gradient_rate
 
 __all__ = ["OrbitalMotion", "Propagation"]
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.motion.base import MotionModel
+from quietfix.systems.motion.base import MotionModel
 
 __all__ = ["PassOscillator"]
 

@@ -8,7 +8,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.motion.base import MotionModel
+from quietfix.systems.motion.base import MotionModel
 
 __all__ = ["SideBySide"]
 

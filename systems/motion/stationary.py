@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.motion.base import MotionModel
+from quietfix.systems.motion.base import MotionModel
 
 __all__ = ["Stationary"]
 

@@ -1,1 +1,1 @@
-"""What may stand under ``estimators:``; a new one is its file here and a line in `systems.registry`."""
+"""What may stand under ``estimators:``; a new one is its file here and a line in `quietfix.systems.registry`."""

@@ -8,20 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angles.relative_kinematics import RelativeKinematics
-from systems.documented import count, number
-from systems.estimators.base import Estimator
-from systems.estimators.hypothesis_bank import HypothesisBank
-from systems.estimators.memory import Epoch, Memory
-from systems.estimators.options import EstimatorOptions
-from systems.estimators.wiring import Wiring
-from systems.filters.gaussian import GaussianFilter
-from systems.filters.hypotheses import mixture
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.fixes.ranged_position import ranging_equation
-from systems.measurement.base import MeasurementModel, positive
-from systems.motion.base import MotionModel
-from systems.starts.start import Start
+from quietfix.systems.angles.relative_kinematics import RelativeKinematics
+from quietfix.systems.documented import count, number
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.hypothesis_bank import HypothesisBank
+from quietfix.systems.estimators.memory import Epoch, Memory
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.filters.hypotheses import mixture
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.fixes.ranged_position import ranging_equation
+from quietfix.systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.start import Start
 
 __all__ = ["Bank", "RootBank", "RootsStart"]
 

@@ -3,16 +3,16 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from systems.documented import number
-from systems.estimators.base import Estimator
-from systems.estimators.kalman import KalmanEstimator
-from systems.estimators.wiring import Wiring
-from systems.filters.common_mode import CommonModeMonitor
-from systems.filters.unscented import UnscentedKalman
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.options.ukf import Ukf
-from systems.starts.start import Start
+from quietfix.systems.documented import number
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.common_mode import CommonModeMonitor
+from quietfix.systems.filters.unscented import UnscentedKalman
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.options.ukf import Ukf
+from quietfix.systems.starts.start import Start
 
 __all__ = ["UkfMonitored", "UkfUnaugmented"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from systems.estimators.options import EstimatorOptions
-from systems.registry import estimator_options
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.registry import estimator_options
 
 __all__ = ["EstimatorChoice"]
 

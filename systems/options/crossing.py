@@ -9,16 +9,16 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.documented import choice, count, number, text
-from systems.estimators.base import Estimator
-from systems.estimators.bearing_lines import BearingLocator, Lately, Sighting
-from systems.estimators.memory import Memory
-from systems.estimators.options import EstimatorOptions
-from systems.estimators.wiring import Wiring
-from systems.fixes.crossing import Lines, crossing, crossing_covariance, instrumental_variable
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.starts.start import Start
+from quietfix.systems.documented import choice, count, number, text
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.bearing_lines import BearingLocator, Lately, Sighting
+from quietfix.systems.estimators.memory import Memory
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.fixes.crossing import Lines, crossing, crossing_covariance, instrumental_variable
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.start import Start
 
 __all__ = ["Crossing", "CrossingLocator", "Method"]
 

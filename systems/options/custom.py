@@ -3,16 +3,16 @@
 from dataclasses import dataclass
 from typing import Any
 
-from systems.documented import documented, text
-from systems.estimators.base import Estimator
-from systems.estimators.kalman import KalmanEstimator
-from systems.estimators.options import EstimatorOptions
-from systems.estimators.wiring import Wiring
-from systems.filters.gaussian import GaussianFilter
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.registry import blamed, in_one_line, lines_of, object_at
-from systems.starts.start import Start
+from quietfix.systems.documented import documented, text
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.registry import blamed, in_one_line, lines_of, object_at
+from quietfix.systems.starts.start import Start
 
 __all__ = ["Custom"]
 
@@ -57,7 +57,7 @@ class Custom(EstimatorOptions):
         if not isinstance(kind, type) or not issubclass(kind, Estimator | GaussianFilter):
             raise ValueError(
                 f"estimators.{name}.class: {self.class_} is not allowed; a subclass of "
-                "systems.estimators.base.Estimator or systems.filters.gaussian.GaussianFilter"
+                "quietfix.systems.estimators.base.Estimator or quietfix.systems.filters.gaussian.GaussianFilter"
             )
         # by hand: Drake's own metaclass keeps Python from counting the abstract methods of a block
         lacking = [m for m in dir(kind) if getattr(getattr(kind, m, None), "__isabstractmethod__", False)]

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from systems.estimators.base import Estimator
-from systems.estimators.kalman import KalmanEstimator
-from systems.estimators.options import EstimatorOptions
-from systems.estimators.wiring import Wiring
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.starts.start import Start
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.start import Start
 
 __all__ = ["Ekf"]
 

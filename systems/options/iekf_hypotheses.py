@@ -3,18 +3,18 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from systems.documented import count, number
-from systems.estimators.base import Estimator
-from systems.estimators.hypothesis_bank import HypothesisBank, phases_of
-from systems.estimators.options import EstimatorOptions
-from systems.estimators.wiring import Wiring
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.measurement.base import MeasurementModel
-from systems.measurement.stack import Stack
-from systems.motion.base import MotionModel
-from systems.starts.hypotheses_start import HypothesesStart
-from systems.starts.known_height_start import KnownHeightStart
-from systems.starts.start import Start
+from quietfix.systems.documented import count, number
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.hypothesis_bank import HypothesisBank, phases_of
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.hypotheses_start import HypothesesStart
+from quietfix.systems.starts.known_height_start import KnownHeightStart
+from quietfix.systems.starts.start import Start
 
 __all__ = ["IekfHypotheses"]
 

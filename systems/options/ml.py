@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.documented import count, documented
-from systems.estimators.base import Estimator
-from systems.estimators.bearing_lines import BearingLocator, Lately, Sighting
-from systems.estimators.memory import Epoch, Memory
-from systems.estimators.options import EstimatorOptions
-from systems.estimators.wiring import Wiring
-from systems.fixes.bearing_likelihood import BearingHistory, Fit, QuadraticPrior, fold, maximum_likelihood
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.starts.start import Start
+from quietfix.systems.documented import count, documented
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.bearing_lines import BearingLocator, Lately, Sighting
+from quietfix.systems.estimators.memory import Epoch, Memory
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.fixes.bearing_likelihood import BearingHistory, Fit, QuadraticPrior, fold, maximum_likelihood
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.start import Start
 
 __all__ = ["MaximumLikelihood", "Ml"]
 

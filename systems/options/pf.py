@@ -2,16 +2,16 @@
 
 from dataclasses import dataclass
 
-from systems.documented import choice, count, documented, number
-from systems.estimators.base import Estimator
-from systems.estimators.options import EstimatorOptions
-from systems.estimators.particle import ParticleEstimator
-from systems.estimators.wiring import Wiring
-from systems.filters.particle.resampling import SCHEMES
-from systems.filters.particle.update import ParticleUpdate
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.starts.start import Start
+from quietfix.systems.documented import choice, count, documented, number
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.particle import ParticleEstimator
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.particle.resampling import SCHEMES
+from quietfix.systems.filters.particle.update import ParticleUpdate
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.start import Start
 
 __all__ = ["Pf"]
 

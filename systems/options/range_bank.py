@@ -2,19 +2,19 @@
 
 from dataclasses import dataclass
 
-from systems.documented import choice, count, number
-from systems.estimators.base import Estimator
-from systems.estimators.options import EstimatorOptions
-from systems.estimators.range_parameterised import RangeParameterised
-from systems.estimators.wiring import Wiring
-from systems.filters.gaussian import GaussianFilter
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.filters.modified_gain import ModifiedGainKalman
-from systems.filters.unscented import UnscentedKalman
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.starts.bearing_start import BearingStart
-from systems.starts.start import Start
+from quietfix.systems.documented import choice, count, number
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.range_parameterised import RangeParameterised
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.modified_gain import ModifiedGainKalman
+from quietfix.systems.filters.unscented import UnscentedKalman
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.bearing_start import BearingStart
+from quietfix.systems.starts.start import Start
 
 __all__ = ["RangeBank"]
 

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
-from systems.angles.relative_kinematics import ROWS, RelativeKinematics
-from systems.documented import choice, count, documented, number
-from systems.estimators.base import Estimator
-from systems.estimators.memory import Epoch, Innovation, Memory
-from systems.estimators.options import EstimatorOptions
-from systems.estimators.wiring import Wiring
-from systems.filters.gaussian import predict_extended
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.filters.whitening import Whitener
-from systems.fixes.orbit_plane import (
+from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics
+from quietfix.systems.documented import choice, count, documented, number
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.gaussian import predict_extended
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.fixes.orbit_plane import (
     Pattern,
     common_plane,
     normal_of_pattern,
@@ -27,10 +27,10 @@ from systems.fixes.orbit_plane import (
     plane_normal,
     plane_pattern,
 )
-from systems.fixes.ranged_position import RangedPosition
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.starts.start import Start
+from quietfix.systems.fixes.ranged_position import RangedPosition
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.start import Start
 
 __all__ = ["PREVIEW", "Ra", "RaPaper", "RangeDecomposed"]
 

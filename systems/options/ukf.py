@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass
 
-from systems.documented import number
-from systems.estimators.base import Estimator
-from systems.estimators.kalman import KalmanEstimator
-from systems.estimators.options import EstimatorOptions
-from systems.estimators.wiring import Wiring
-from systems.filters.unscented import UnscentedKalman
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.starts.start import Start
+from quietfix.systems.documented import number
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.unscented import UnscentedKalman
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.starts.start import Start
 
 __all__ = ["Ukf"]
 

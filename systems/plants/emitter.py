@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from systems.signals import EnsembleBlock
-from systems.trajectories.gravity import GravityConstants, above_surface
-from systems.trajectories.great_circle import great_circle, straight_line
+from quietfix.systems.signals import EnsembleBlock
+from quietfix.systems.trajectories.gravity import GravityConstants, above_surface
+from quietfix.systems.trajectories.great_circle import great_circle, straight_line
 
 __all__ = ["GreatCircle", "StraightLine"]
 
@@ -47,7 +47,7 @@ class StraightLine(EnsembleBlock):
     Parameters
     ----------
     start : array_like, shape (6,) or (trials, 6)
-        Earth-fixed state at time 0 (from a place and a course: `systems.earth.geodetic.geodetic_state`).
+        Earth-fixed state at time 0 (from a place and a course: `quietfix.systems.earth.geodetic.geodetic_state`).
     name : str
         Name of the block.
 
@@ -72,7 +72,7 @@ class StraightLine(EnsembleBlock):
 
 
 class GreatCircle(EnsembleBlock):
-    """An emitter at constant height along a great circle; see `systems.trajectories.great_circle.great_circle`.
+    """An emitter at constant height along a great circle; see `great_circle`.
 
     Ports, all outputs: ``state`` (trials, 6) Earth-fixed position [m] and velocity [m/s]; ``acceleration``
     (trials, 3) relative to the Earth-fixed axes [m/s^2].

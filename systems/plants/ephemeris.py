@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.plants.recorded import hermite
-from systems.trajectories.polynomial import ORBIT_ORDER, polynomial_states
+from quietfix.systems.plants.recorded import hermite
+from quietfix.systems.trajectories.polynomial import ORBIT_ORDER, polynomial_states
 
 __all__ = ["hermite_states", "spline_samples"]
 

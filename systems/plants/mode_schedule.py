@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from systems.signals import EnsembleBlock
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["ModeSchedule"]
 

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
-from systems.clocks import Clock
-from systems.linear_algebra import semidefinite_root
-from systems.motion.base import MotionModel
-from systems.noise import normal
-from systems.signals import EnsembleBlock, check_trials
+from quietfix.systems.clocks import Clock
+from quietfix.systems.linear_algebra import semidefinite_root
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.noise import normal
+from quietfix.systems.signals import EnsembleBlock, check_trials
 
 __all__ = ["ModelPlant"]
 

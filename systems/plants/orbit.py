@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, ContinuousState
 from scipy.integrate import OdeSolution
 
-from systems.constants import WGS84_ECCENTRICITY_SQUARED
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.plants.solving import solve
-from systems.signals import EnsembleBlock
-from systems.trajectories.gravity import GravityConstants, above_surface, acceleration
+from quietfix.systems.constants import WGS84_ECCENTRICITY_SQUARED
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.plants.solving import solve
+from quietfix.systems.signals import EnsembleBlock
+from quietfix.systems.trajectories.gravity import GravityConstants, above_surface, acceleration
 
 __all__ = ["DenseOrbit", "Orbit", "derivative"]
 
@@ -112,7 +112,7 @@ class Orbit(_OrbitBlock):
     ----------
     initial : array_like, shape (satellites, 6) or (trials, satellites, 6)
         Inertial position [m] and velocity [m/s] at time 0 (from Kepler elements:
-        `systems.trajectories.kepler.state_of`).
+        `quietfix.systems.trajectories.kepler.state_of`).
     constants : GravityConstants, optional
         Constants of the Earth.
     j2 : bool

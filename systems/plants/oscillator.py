@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.clocks import Clock
-from systems.noise import normal
-from systems.signals import EnsembleBlock
+from quietfix.systems.clocks import Clock
+from quietfix.systems.noise import normal
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["BiasLaw", "OscillatorBias"]
 

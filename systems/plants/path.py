@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.signals import EnsembleBlock
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["Path"]
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from systems.signals import EnsembleBlock
-from systems.trajectories.polynomial import polynomial_states
+from quietfix.systems.signals import EnsembleBlock
+from quietfix.systems.trajectories.polynomial import polynomial_states
 
 __all__ = ["RecordedTruth", "hermite"]
 
@@ -80,8 +80,8 @@ class RecordedTruth(EnsembleBlock):
     states : array_like, shape (samples, size) or (samples, trials, size)
         ``size`` 6: position and velocity. ``size`` 3: position alone; the velocity is then that of the polynomial
         of order 4 through the five nearest samples, off by h^4/30 times the fifth derivative of the motion, and by
-        h^4/5 times it at the ends (an orbit wants more: see `systems.plants.sp3`). A NaN sample leaves a gap in its
-        trial.
+        h^4/5 times it at the ends (an orbit wants more: see `quietfix.systems.plants.sp3`). A NaN sample leaves a gap
+        in its trial.
     name : str
         Name of the block.
 

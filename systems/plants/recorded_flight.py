@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.signals import EnsembleBlock
-from systems.trajectories.planar_flight import PlanarFlight
+from quietfix.systems.signals import EnsembleBlock
+from quietfix.systems.trajectories.planar_flight import PlanarFlight
 
 __all__ = ["RecordedFlight"]
 

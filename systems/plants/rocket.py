@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 from scipy.integrate import OdeSolution
 
-from systems.plants.solving import solve
-from systems.signals import EnsembleBlock
-from systems.trajectories.rocket import RocketModel
+from quietfix.systems.plants.solving import solve
+from quietfix.systems.signals import EnsembleBlock
+from quietfix.systems.trajectories.rocket import RocketModel
 
 __all__ = ["Rocket", "fly"]
 

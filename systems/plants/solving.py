@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 
-from systems.counting import tally
+from quietfix.systems.counting import tally
 
 __all__ = ["solve"]
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.constants import EARTH_RATE
-from systems.earth.frames import earth_fixed_to_inertial, inertial_to_earth_fixed
-from systems.files import read_text
-from systems.plants.recorded import hermite
-from systems.plants.sp3_records import Records, elapsed, read_records
-from systems.trajectories.polynomial import ORBIT_ORDER, polynomial_states
+from quietfix.systems.constants import EARTH_RATE
+from quietfix.systems.earth.frames import earth_fixed_to_inertial, inertial_to_earth_fixed
+from quietfix.systems.files import read_text
+from quietfix.systems.plants.recorded import hermite
+from quietfix.systems.plants.sp3_records import Records, elapsed, read_records
+from quietfix.systems.trajectories.polynomial import ORBIT_ORDER, polynomial_states
 
 __all__ = ["PreciseOrbit", "read_sp3"]
 

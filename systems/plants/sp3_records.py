@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.earth.time_scales import LEAP_SECONDS
+from quietfix.systems.earth.time_scales import LEAP_SECONDS
 
 __all__ = ["Records", "elapsed", "in_utc", "read_records"]
 

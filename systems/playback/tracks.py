@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, NumericParameterIndex, System
 
-from systems.clocks import Merged, Times
-from systems.signals import EnsembleBlock, leaf_systems
+from quietfix.systems.clocks import Merged, Times
+from quietfix.systems.signals import EnsembleBlock, leaf_systems
 
 __all__ = ["Tracked", "play_track"]
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from systems.geometry.misalignment import rotation_matrix, seen_from_turned_axes
-from systems.measurement.base import MeasurementModel
-from systems.noise import normal
-from systems.signals import Draw, EnsembleBlock
+from quietfix.systems.geometry.misalignment import rotation_matrix, seen_from_turned_axes
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.noise import normal
+from quietfix.systems.signals import Draw, EnsembleBlock
 
 __all__ = ["AttitudeError"]
 

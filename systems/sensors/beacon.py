@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.clocks import Clock
-from systems.geometry.lines_of_sight import line_of_sight
-from systems.geometry.visibility import ElevationMask
-from systems.measurement.range_rate import RangeRate, common_part
-from systems.noise import normal
-from systems.signals import EnsembleBlock, components_of
+from quietfix.systems.clocks import Clock
+from quietfix.systems.geometry.lines_of_sight import line_of_sight
+from quietfix.systems.geometry.visibility import ElevationMask
+from quietfix.systems.measurement.range_rate import RangeRate, common_part
+from quietfix.systems.noise import normal
+from quietfix.systems.signals import EnsembleBlock, components_of
 
 __all__ = ["BeaconStations"]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, NumericParameterIndex
 
-from systems.signals import EnsembleBlock
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["HandedRows"]
 
@@ -19,8 +19,9 @@ class HandedRows(EnsembleBlock):
     r"""A block whose ports carry what its context was handed last.
 
     Ports ``measurement`` (1, rows), ``state`` (1, 6), and, if it is scaled, ``noise_covariance``: with D the diagonal
-    matrix of the scales of a tick :math:`D R D`, as `systems.sensors.played_rows.PlayedRows` has it. All are NaN, and R
-    as it is, until something is handed over. It is a parameter of the context: what depends on it is made again.
+    matrix of the scales of a tick :math:`D R D`, as `quietfix.systems.sensors.played_rows.PlayedRows` has it. All are
+    NaN, and R as it is, until something is handed over. It is a parameter of the context: what depends on it is made
+    again.
 
     Parameters
     ----------

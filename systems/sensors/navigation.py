@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.signals import EnsembleBlock
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["Navigation"]
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from systems.noise import uniform
-from systems.signals import EnsembleBlock
+from quietfix.systems.noise import uniform
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["OffsetPrior"]
 

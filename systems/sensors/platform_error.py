@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.noise import normal
-from systems.signals import Draw, EnsembleBlock
+from quietfix.systems.noise import normal
+from quietfix.systems.signals import Draw, EnsembleBlock
 
 __all__ = ["PlatformError"]
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.clocks import Clock
-from systems.sensors.platform_error import PlatformError
-from systems.sensors.sensor import Sensor
-from systems.signals import EnsembleBlock
+from quietfix.systems.clocks import Clock
+from quietfix.systems.sensors.platform_error import PlatformError
+from quietfix.systems.sensors.sensor import Sensor
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["Preview"]
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from systems.linear_algebra import semidefinite_root
-from systems.noise import normal
-from systems.signals import EnsembleBlock
+from quietfix.systems.linear_algebra import semidefinite_root
+from quietfix.systems.noise import normal
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["PriorEstimate"]
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.angles.relative_kinematics import ROWS, RelativeKinematics
-from systems.fixes.ranged_position import RangedPosition
-from systems.signals import EnsembleBlock
+from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics
+from quietfix.systems.fixes.ranged_position import RangedPosition
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["Ranging"]
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from systems.clocks import Clock
-from systems.measurement.base import MeasurementModel
-from systems.noise import normal, uniform
-from systems.signals import Draw, EnsembleBlock
+from quietfix.systems.clocks import Clock
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.noise import normal, uniform
+from quietfix.systems.signals import Draw, EnsembleBlock
 
 __all__ = ["ReadingError"]
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from systems.clocks import Times
-from systems.playback.tracks import Tracked
+from quietfix.systems.clocks import Times
+from quietfix.systems.playback.tracks import Tracked
 
 __all__ = ["RecordedMeasurements", "Recording"]
 

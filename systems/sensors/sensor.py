@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.clocks import Clock
-from systems.counting import tally
-from systems.geometry.visibility import Mask
-from systems.linear_algebra import semidefinite_root
-from systems.measurement.base import MeasurementModel
-from systems.noise import normal
-from systems.signals import Draw, EnsembleBlock, components_of
+from quietfix.systems.clocks import Clock
+from quietfix.systems.counting import tally
+from quietfix.systems.geometry.visibility import Mask
+from quietfix.systems.linear_algebra import semidefinite_root
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.noise import normal
+from quietfix.systems.signals import Draw, EnsembleBlock, components_of
 
 __all__ = ["Sensor"]
 

@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.ambiguity.differences import Differences, Window
-from systems.ambiguity.estimate import CrossAmbiguity
-from systems.clocks import Clock
-from systems.iq.block import IqBlock
-from systems.measurement.base import MeasurementModel
-from systems.signals import EnsembleBlock, check_trials
+from quietfix.systems.ambiguity.differences import Differences, Window
+from quietfix.systems.ambiguity.estimate import CrossAmbiguity
+from quietfix.systems.clocks import Clock
+from quietfix.systems.iq.block import IqBlock
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.signals import EnsembleBlock, check_trials
 
 __all__ = ["QUALITY", "Aim", "CrossAmbiguitySensor"]
 
 Array = NDArray[np.float64]
 
 QUALITY = ("peak_to_noise", "confidence", "right_cell", "coherence", "flag", "stein_tdoa", "stein_fdoa")
-"""What the port ``quality`` carries: see `systems.ambiguity.differences.Differences`; the last two are variances."""
+"""What the port ``quality`` carries: see `Differences`; the last two are variances."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,9 +6,9 @@ import math
 
 from pydrake.systems.framework import Context
 
-from systems.iq.block import IqBlock
-from systems.iq.quantise import quantise
-from systems.signals import EnsembleBlock
+from quietfix.systems.iq.block import IqBlock
+from quietfix.systems.iq.quantise import quantise
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["InterSatelliteLink"]
 

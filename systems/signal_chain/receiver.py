@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.clocks import Clock
-from systems.constants import EARTH_RATE
-from systems.geometry.visibility import Mask
-from systems.iq.block import IqBlock
-from systems.iq.reception import delay_over, receive, straight, with_acceleration
-from systems.iq.waveform import Emission, positive_number
-from systems.noise import normal
-from systems.signals import EnsembleBlock
-from systems.trajectories.gravity import GravityConstants, acceleration
+from quietfix.systems.clocks import Clock
+from quietfix.systems.constants import EARTH_RATE
+from quietfix.systems.geometry.visibility import Mask
+from quietfix.systems.iq.block import IqBlock
+from quietfix.systems.iq.reception import delay_over, receive, straight, with_acceleration
+from quietfix.systems.iq.waveform import Emission, positive_number
+from quietfix.systems.noise import normal
+from quietfix.systems.signals import EnsembleBlock
+from quietfix.systems.trajectories.gravity import GravityConstants, acceleration
 
 __all__ = ["Receiver"]
 

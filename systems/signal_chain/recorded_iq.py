@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.clocks import Clock
-from systems.iq.block import IqBlock
-from systems.signals import EnsembleBlock
+from quietfix.systems.clocks import Clock
+from quietfix.systems.iq.block import IqBlock
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["RecordedIq"]
 

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from systems.angles.direction import BodyDirection
-from systems.earth.geodetic import up
-from systems.fixes.ray_height import ray_at_height
-from systems.linear_algebra import inverses
-from systems.measurement.base import MeasurementModel, positive
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.signals import EnsembleBlock
+from quietfix.systems.angles.direction import BodyDirection
+from quietfix.systems.earth.geodetic import up
+from quietfix.systems.fixes.ray_height import ray_at_height
+from quietfix.systems.linear_algebra import inverses
+from quietfix.systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["SearchWindow", "delay_doppler_spread", "direction_belief"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pydrake.systems.framework import Context
 
-from systems.iq.waveform import Emission, Waveform, positive_number
-from systems.signals import EnsembleBlock
+from quietfix.systems.iq.waveform import Emission, Waveform, positive_number
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["Transmitter"]
 

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angles.bearing import Bearing
-from systems.measurement.base import positive
-from systems.starts.start import Start
+from quietfix.systems.angles.bearing import Bearing
+from quietfix.systems.measurement.base import positive
+from quietfix.systems.starts.start import Start
 
 __all__ = ["BearingStart"]
 

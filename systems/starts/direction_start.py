@@ -8,18 +8,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angles.direction import BodyDirection
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.filters.square_root import Gains
-from systems.filters.whitening import Whitener
-from systems.fixes.ray_height import ray_at_height
-from systems.linear_algebra import cholesky
-from systems.measurement.altitude import Altitude
-from systems.measurement.base import positive
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.starts.start import CloudStart
+from quietfix.systems.angles.direction import BodyDirection
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.square_root import Gains
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.fixes.ray_height import ray_at_height
+from quietfix.systems.linear_algebra import cholesky
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.base import positive
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.starts.start import CloudStart
 
 __all__ = ["DirectionStart"]
 

@@ -7,17 +7,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.hypotheses import mixture
-from systems.fixes.integer_hypotheses import (
+from quietfix.systems.filters.hypotheses import mixture
+from quietfix.systems.fixes.integer_hypotheses import (
     IntegerHypotheses,
     integer_covariance,
     integer_hypotheses,
     integer_slope,
 )
-from systems.fixes.unknown_velocity import with_unknown_velocity
-from systems.measurement.base import MeasurementModel, positive
-from systems.measurement.tdoa import Tdoa
-from systems.starts.start import Start
+from quietfix.systems.fixes.unknown_velocity import with_unknown_velocity
+from quietfix.systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.starts.start import Start
 
 __all__ = ["HypothesesStart"]
 

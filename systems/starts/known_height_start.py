@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.fixes.known_height import Method, known_height_covariance, position_per_velocity, wave_front_fix
-from systems.fixes.unknown_velocity import with_unknown_velocity
-from systems.measurement.base import positive
-from systems.measurement.tdoa import Tdoa
-from systems.starts.start import Start
+from quietfix.systems.fixes.known_height import Method, known_height_covariance, position_per_velocity, wave_front_fix
+from quietfix.systems.fixes.unknown_velocity import with_unknown_velocity
+from quietfix.systems.measurement.base import positive
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.starts.start import Start
 
 __all__ = ["KnownHeightStart"]
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.measurement.base import positive
-from systems.starts.start import Start
+from quietfix.systems.measurement.base import positive
+from quietfix.systems.starts.start import Start
 
 __all__ = ["PriorPositionStart"]
 

@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.fixes.snapshot import snapshot_fix, starts_around
-from systems.linear_algebra import symmetric
-from systems.measurement.base import MeasurementModel, positive
-from systems.starts.start import Start
+from quietfix.systems.fixes.snapshot import snapshot_fix, starts_around
+from quietfix.systems.linear_algebra import symmetric
+from quietfix.systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.starts.start import Start
 
 __all__ = ["SnapshotStart"]
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.constants import EARTH_MU, EARTH_RATE, WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED
+from quietfix.systems.constants import EARTH_MU, EARTH_RATE, WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED
 
 __all__ = ["GravityConstants", "above_surface", "acceleration", "energy", "gradient", "gradient_rate"]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.constants import WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED
-from systems.earth.geodetic import course_speed, ecef_to_geodetic, enu_rotation
+from quietfix.systems.constants import WGS84_AXIS, WGS84_ECCENTRICITY_SQUARED
+from quietfix.systems.earth.geodetic import course_speed, ecef_to_geodetic, enu_rotation
 
 __all__ = ["GreatCirclePath", "great_circle", "level_state", "straight_line"]
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.earth.geodetic import enu_rotation
-from systems.trajectories.great_circle import level_state
-from systems.trajectories.waypoints import REVERSAL
+from quietfix.systems.earth.geodetic import enu_rotation
+from quietfix.systems.trajectories.great_circle import level_state
+from quietfix.systems.trajectories.waypoints import REVERSAL
 
 __all__ = ["LevelWaypointPath"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
-from systems.constants import EARTH_MU, EARTH_RATE
+from quietfix.systems.constants import EARTH_MU, EARTH_RATE
 
 __all__ = ["LaunchSite", "RocketModel", "Stage"]
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from systems.angle_wrapping import wrap
+from quietfix.systems.angle_wrapping import wrap
 
 __all__ = ["REVERSAL", "WaypointPath"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from diagrams.studies.study import Study
+from quietfix.diagrams.studies.study import Study
 from tests.benchmarks.harness import Peer, Size, race, ratios
 from tests.benchmarks.report import Section, microseconds, spread
 

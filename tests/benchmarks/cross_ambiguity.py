@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
-from systems.ambiguity.differences import Differences, Window
-from systems.ambiguity.estimate import CrossAmbiguity
-from systems.ambiguity.prefilter import RootRaisedCosine
-from systems.iq.block import IqBlock
+from quietfix.systems.ambiguity.differences import Differences, Window
+from quietfix.systems.ambiguity.estimate import CrossAmbiguity
+from quietfix.systems.ambiguity.prefilter import RootRaisedCosine
+from quietfix.systems.iq.block import IqBlock
 from tests.benchmarks.harness import Peer, Size, race, ratios
 from tests.benchmarks.report import Section, Threshold, spread
 from tests.systems.iq_scene import CARRIER, RATE, ROLL_OFF, SYMBOLS, pair

@@ -8,8 +8,8 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 
-from systems.constants import SPEED_OF_LIGHT
-from systems.measurement.stack import Stack
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.measurement.stack import Stack
 from tests.benchmarks.own_peers import History
 from tests.benchmarks.recorded_pass import PERIOD, RecordedPass
 from tests.benchmarks.single_target import SingleTarget

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.filters.unscented import UnscentedKalman
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.unscented import UnscentedKalman
 from tests.benchmarks.agreement import agreement
 from tests.benchmarks.filterpy_peers import extended, unscented
 from tests.benchmarks.harness import Peer, Size, race, ratios

@@ -10,8 +10,8 @@ import json
 import sys
 import time
 
-from diagrams.studies.study import Study
-from diagrams.studies.whole import run_study
+from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.studies.whole import run_study
 from tests.peak_memory import peak_bytes
 
 

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.estimators.kalman import KalmanEstimator
-from systems.estimators.wiring import Wiring
-from systems.filters.gaussian import GaussianFilter
-from systems.filters.whitening import Whitener
-from systems.recorder import record
-from systems.sensors.recorded import RecordedMeasurements, Recording
-from systems.starts.start import GivenStart
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.recorder import record
+from quietfix.systems.sensors.recorded import RecordedMeasurements, Recording
+from quietfix.systems.starts.start import GivenStart
 from tests.benchmarks.recorded_pass import PERIOD, RecordedPass
 
 __all__ = ["History", "diagram", "loop"]

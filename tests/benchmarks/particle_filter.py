@@ -22,19 +22,19 @@ from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.state import ParticleState
 from stonesoup.updater.particle import ParticleUpdater
 
-from diagrams.assembly.build import Assembly
-from diagrams.assembly.find import find
-from diagrams.commands.catalogue import load_scenario
-from systems.angles.direction import Direction
-from systems.clocks import Periodic
-from systems.constants import SPEED_OF_LIGHT
-from systems.estimators.base import Estimator
-from systems.estimators.memory import Epoch
-from systems.geometry.body_frame import body_frame
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.stack import Stack
-from systems.recorder import record
-from systems.signals import Draw, set_draw
+from quietfix.diagrams.assembly.build import Assembly
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.systems.angles.direction import Direction
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.memory import Epoch
+from quietfix.systems.geometry.body_frame import body_frame
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.recorder import record
+from quietfix.systems.signals import Draw, set_draw
 from tests.benchmarks.harness import Peer, Size, Timing, race, ratios
 from tests.benchmarks.report import Section, Threshold, microseconds, spread
 

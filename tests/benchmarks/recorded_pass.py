@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.assembly.find import find
-from diagrams.commands.catalogue import load_scenario
-from systems.estimators.kalman import KalmanEstimator
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.recorder import record
-from systems.signals import Draw, set_draw
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.recorder import record
+from quietfix.systems.signals import Draw, set_draw
 from tests.benchmarks.harness import Size
 
 __all__ = ["RecordedPass", "record_pass"]

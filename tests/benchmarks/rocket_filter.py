@@ -24,13 +24,13 @@ from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.state import GaussianState
 from stonesoup.updater.kalman import UnscentedKalmanUpdater
 
-from diagrams.commands.catalogue import load_scenario
-from diagrams.parts.launch import rocket_model, station_positions
-from systems.filters.unscented import UnscentedKalman
-from systems.filters.whitening import Whitener
-from systems.measurement.range_rate import RangeRate
-from systems.motion.current_statistical import CurrentStatistical
-from systems.plants.rocket import Rocket
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.parts.launch import rocket_model, station_positions
+from quietfix.systems.filters.unscented import UnscentedKalman
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.measurement.range_rate import RangeRate
+from quietfix.systems.motion.current_statistical import CurrentStatistical
+from quietfix.systems.plants.rocket import Rocket
 from tests.benchmarks.harness import Peer, Size, race, ratios
 from tests.benchmarks.own_peers import History
 from tests.benchmarks.report import Section, Threshold, microseconds, spread

@@ -8,18 +8,18 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angles.relative_kinematics import ROWS
-from systems.clocks import Periodic
-from systems.estimators.memory import Epoch
-from systems.estimators.wiring import Wiring
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.filters.whitening import Whitener
-from systems.fixes.orbit_plane import plane_normal
-from systems.fixes.ranging import RangingEquation
-from systems.motion.orbital import OrbitalMotion
-from systems.options.range_decomposed import RangeDecomposed
-from systems.signals import Draw
-from systems.starts.start import GivenStart
+from quietfix.systems.angles.relative_kinematics import ROWS
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.memory import Epoch
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.fixes.orbit_plane import plane_normal
+from quietfix.systems.fixes.ranging import RangingEquation
+from quietfix.systems.motion.orbital import OrbitalMotion
+from quietfix.systems.options.range_decomposed import RangeDecomposed
+from quietfix.systems.signals import Draw
+from quietfix.systems.starts.start import GivenStart
 from tests.benchmarks.harness import Peer, Size, race, ratios
 from tests.benchmarks.report import Section, Threshold, spread
 from tests.systems.ranging_scene import EARTH, PRIOR, TARGET, measurements, sensor

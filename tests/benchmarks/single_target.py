@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.angles.phase import InterferometerPhase
-from systems.constants import SPEED_OF_LIGHT
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
 
 __all__ = ["SingleTarget"]
 

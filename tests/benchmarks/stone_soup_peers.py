@@ -19,7 +19,7 @@ from stonesoup.types.state import GaussianState
 from stonesoup.updater import Updater
 from stonesoup.updater.kalman import IteratedKalmanUpdater
 
-from systems.measurement.stack import Stack
+from quietfix.systems.measurement.stack import Stack
 from tests.benchmarks.own_peers import History
 from tests.benchmarks.recorded_pass import PERIOD, RecordedPass
 from tests.benchmarks.single_target import SingleTarget

@@ -15,10 +15,10 @@ pytest.importorskip("filterpy", reason="the bench extra is not installed")
 from stonesoup.types.array import StateVectors
 from stonesoup.types.state import ParticleState
 
-from systems.constants import SPEED_OF_LIGHT
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.geometry.body_frame import body_frame
-from systems.measurement.stack import Stack
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.geometry.body_frame import body_frame
+from quietfix.systems.measurement.stack import Stack
 from tests.benchmarks.__main__ import main
 from tests.benchmarks.agreement import agreement
 from tests.benchmarks.harness import Peer, Size, race, ratios

@@ -6,18 +6,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from diagrams import System
-from diagrams.assembly.model import Assumed, Model
-from diagrams.parts.movers import ModelTarget, Platforms
-from diagrams.parts.sensing import TargetSensor
-from systems.clocks import Periodic
-from systems.measurement.base import MeasurementModel
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.options.ekf import Ekf
-from systems.options.iekf import Iekf
-from systems.registry import estimator_options
-from systems.signals import Constant
-from systems.starts.start import GivenStart
+from quietfix.diagrams import System
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.parts.movers import ModelTarget, Platforms
+from quietfix.diagrams.parts.sensing import TargetSensor
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.options.ekf import Ekf
+from quietfix.systems.options.iekf import Iekf
+from quietfix.systems.registry import estimator_options
+from quietfix.systems.signals import Constant
+from quietfix.systems.starts.start import GivenStart
 
 PLACES = [[0.0, 0, 0], [9e3, -1e3, 0], [2e3, 9e3, 50], [-5e3, 4e3, 900]]
 Estimators = estimator_options()

@@ -5,16 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.system import System
-from diagrams.parts.movers import ModelTarget, Platforms
-from diagrams.parts.sensing import TargetSensor
-from systems.clocks import Periodic
-from systems.measurement.base import MeasurementModel
-from systems.motion.stationary import Stationary
-from systems.options.iekf import Iekf
-from systems.signals import Constant
-from systems.starts.start import GivenStart
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.parts.movers import ModelTarget, Platforms
+from quietfix.diagrams.parts.sensing import TargetSensor
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.stationary import Stationary
+from quietfix.systems.options.iekf import Iekf
+from quietfix.systems.signals import Constant
+from quietfix.systems.starts.start import GivenStart
 
 POSITION = (3e3, 4e3)
 STATIONS = np.array([[[0.0, 0, 0, 0, 0, 0], [9e3, -1e3, 0, 0, 0, 0], [2e3, 9e3, 0, 0, 0, 0]]])

@@ -4,17 +4,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.system import System
-from diagrams.parts.movers import ModelTarget, Platforms
-from diagrams.parts.sensing import TargetSensor
-from systems.clocks import Periodic
-from systems.estimators.kalman import KalmanEstimator
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
-from systems.signals import Constant
-from systems.starts.start import GivenStart
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.parts.movers import ModelTarget, Platforms
+from quietfix.diagrams.parts.sensing import TargetSensor
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.signals import Constant
+from quietfix.systems.starts.start import GivenStart
 
 TRUTH = ("x", "vx", "y", "vy")
 STATES = {

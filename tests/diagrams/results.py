@@ -3,8 +3,8 @@
 import numpy as np
 import xarray as xr
 
-from systems.earth.geodetic import geodetic_state
-from systems.trajectories.great_circle import straight_line
+from quietfix.systems.earth.geodetic import geodetic_state
+from quietfix.systems.trajectories.great_circle import straight_line
 
 STATES = ["x", "y", "z", "vx", "vy", "vz"]
 

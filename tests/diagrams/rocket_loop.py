@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from diagrams.commands.catalogue import load_scenario
-from diagrams.parts.launch import launch_site, rocket_model
-from systems.filters.unscented import UnscentedKalman
-from systems.filters.whitening import Whitener
-from systems.measurement.base import MeasurementModel
-from systems.measurement.range_rate import RangeRate
-from systems.motion.current_statistical import CurrentStatistical
-from systems.plants.rocket import Rocket
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.parts.launch import launch_site, rocket_model
+from quietfix.systems.filters.unscented import UnscentedKalman
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.range_rate import RangeRate
+from quietfix.systems.motion.current_statistical import CurrentStatistical
+from quietfix.systems.plants.rocket import Rocket
 
 __all__ = ["PERIOD", "Projected", "flight", "layout", "loop", "measure", "motion", "start_covariance"]
 

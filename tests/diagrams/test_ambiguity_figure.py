@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from diagrams.figures.ambiguity import draw_surface
-from systems.ambiguity.surface import Surface
+from quietfix.diagrams.figures.ambiguity import draw_surface
+from quietfix.systems.ambiguity.surface import Surface
 
 
 def test_axes_and_cuts(tmp_path):

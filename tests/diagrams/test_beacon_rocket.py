@@ -6,14 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from diagrams.commands.catalogue import variants
-from diagrams.schema.errors import UserError
-from diagrams.statistics.metrics import summarise
-from diagrams.studies.study import Study
-from diagrams.studies.whole import run_study
-from systems.filters.common_mode import CommonModeMonitor
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.measurement.range_rate import RangeRate
+from quietfix.diagrams.commands.catalogue import variants
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.metrics import summarise
+from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.studies.whole import run_study
+from quietfix.systems.filters.common_mode import CommonModeMonitor
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.measurement.range_rate import RangeRate
 from tests.diagrams.rocket_loop import (
     PERIOD,
     Projected,
@@ -117,7 +117,7 @@ def test_the_diagram_is_the_plain_loop():
 
 
 def test_the_ground_is_drawn_in_the_launch_frame():
-    from diagrams.figures.ground import draw_ground
+    from quietfix.diagrams.figures.ground import draw_ground
 
     data = study("experiment_1", trials=2, estimators=("ukf", "ukf_unaugmented"), settings=("stop_s=90",))
     left, right = draw_ground(data).axes[:2]

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from diagrams.commands.catalogue import load_scenario
-from diagrams.commands.replay import replay
-from diagrams.readers.bearings_file import read_bearings
-from diagrams.schema.errors import UserError
-from diagrams.statistics.metrics import summarise
-from diagrams.statistics.posterior_bound import posterior_bound
-from diagrams.statistics.state_errors import errors
-from diagrams.studies.study import Study
-from diagrams.studies.whole import run_study
-from systems.angles.bearing import Bearing
-from systems.motion.constant_velocity import ConstantVelocity
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.commands.replay import replay
+from quietfix.diagrams.readers.bearings_file import read_bearings
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.metrics import summarise
+from quietfix.diagrams.statistics.posterior_bound import posterior_bound
+from quietfix.diagrams.statistics.state_errors import errors
+from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.studies.whole import run_study
+from quietfix.systems.angles.bearing import Bearing
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
 from tests.fitting import check_fits
 
 CLIP = 300e3  # m; a crossing at a small angle has no variance, so the paper's RMS needs a limit
@@ -118,7 +118,7 @@ def test_across_180_degrees_nothing_changes():
 def test_a_moving_target_is_observable_only_after_the_turn():
     """The bound without prior knowledge: range and speed cannot be told apart on one leg (a ratio of thousands)."""
     study = Study("bearing_crossing:manoeuvre", trials=1, estimators=["ekf"])
-    from diagrams.library.models.bearing_crossing import observer_path, target_state
+    from quietfix.diagrams.library.models.bearing_crossing import observer_path, target_state
 
     times = np.arange(1001.0)
     motion = ConstantVelocity(0.0, 2)

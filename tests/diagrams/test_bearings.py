@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from diagrams.commands.replay import replay
-from diagrams.readers.bearings_file import Bearings
-from diagrams.recorded import bearings as module
-from diagrams.recorded.bearings import Settings, declare_bearings
-from diagrams.recorded.reports import bearings_report
-from systems.fixes import von_mises
-from systems.fixes.bearing_belief import BearingCost, believable, edge, small_sample_coverage
-from systems.fixes.von_mises import sample, weighted_fix
+from quietfix.diagrams.commands.replay import replay
+from quietfix.diagrams.readers.bearings_file import Bearings
+from quietfix.diagrams.recorded import bearings as module
+from quietfix.diagrams.recorded.bearings import Settings, declare_bearings
+from quietfix.diagrams.recorded.reports import bearings_report
+from quietfix.systems.fixes import von_mises
+from quietfix.systems.fixes.bearing_belief import BearingCost, believable, edge, small_sample_coverage
+from quietfix.systems.fixes.von_mises import sample, weighted_fix
 from tests.golden.recordings import report_of
 
 NAMES = ["ml", "robust", "lines", "iv", "ekf", "mgekf"]

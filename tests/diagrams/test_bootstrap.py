@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import bootstrap
 
-from diagrams.statistics.bootstrap import Interval, PairedBootstrap, Replicates, best_of, interval, log_ratio
+from quietfix.diagrams.statistics.bootstrap import Interval, PairedBootstrap, Replicates, best_of, interval, log_ratio
 
 RMSE = np.sqrt
 

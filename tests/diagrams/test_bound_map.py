@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from diagrams.assembly.find import find, systems
-from diagrams.commands.catalogue import load_scenario
-from diagrams.commands.mapping import print_map
-from diagrams.figures.gdop import draw_gdop
-from diagrams.library.models import beacon_rocket as beacon_rocket_models
-from diagrams.library.models import bearing_crossing as bearing_crossing_models
-from diagrams.library.models import dual_satellite as dual_satellite_models
-from diagrams.library.models import satellite_ranging as satellite_ranging_models
-from diagrams.library.models import three_satellite as three_satellite_models
-from diagrams.maps.bounds import last_bound, map_bounds
-from diagrams.parts.launch import vehicle_block
-from diagrams.statistics.posterior_bound import posterior_bound
-from diagrams.studies.whole import run_study
+from quietfix.diagrams.assembly.find import find, systems
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.commands.mapping import print_map
+from quietfix.diagrams.figures.gdop import draw_gdop
+from quietfix.diagrams.library.models import beacon_rocket as beacon_rocket_models
+from quietfix.diagrams.library.models import bearing_crossing as bearing_crossing_models
+from quietfix.diagrams.library.models import dual_satellite as dual_satellite_models
+from quietfix.diagrams.library.models import satellite_ranging as satellite_ranging_models
+from quietfix.diagrams.library.models import three_satellite as three_satellite_models
+from quietfix.diagrams.maps.bounds import last_bound, map_bounds
+from quietfix.diagrams.parts.launch import vehicle_block
+from quietfix.diagrams.statistics.posterior_bound import posterior_bound
+from quietfix.diagrams.studies.whole import run_study
 from tests.diagrams.test_command_line import in_process
 from tests.fitting import check_fits
 

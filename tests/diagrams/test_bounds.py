@@ -4,24 +4,24 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.assembly.find import find
-from diagrams.commands.catalogue import load_scenario
-from diagrams.library.models.three_satellite import satellite_states, target_state
-from diagrams.statistics.bounds import BoundSums, StudyBounds, bound_squares
-from diagrams.statistics.posterior_bound import posterior_bound
-from systems.angles.phase import InterferometerPhase
-from systems.counting import counting
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.earth.geodetic import course_speed, geodetic_state, up
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.filters.whitening import Whitener
-from systems.measurement.base import MeasurementModel
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.plants.orbit import DenseOrbit
-from systems.trajectories.great_circle import straight_line
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.library.models.three_satellite import satellite_states, target_state
+from quietfix.diagrams.statistics.bounds import BoundSums, StudyBounds, bound_squares
+from quietfix.diagrams.statistics.posterior_bound import posterior_bound
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.counting import counting
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.earth.geodetic import course_speed, geodetic_state, up
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.trajectories.great_circle import straight_line
 
 
 class Linear(MeasurementModel):

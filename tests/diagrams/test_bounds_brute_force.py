@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from diagrams.commands.catalogue import load_scenario
-from diagrams.library.models.three_satellite import models, satellite_orbit, target_state
-from diagrams.statistics.bounds import bound_squares
-from diagrams.statistics.posterior_bound import posterior_bound
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.filters.unscented import UnscentedKalman
-from systems.filters.whitening import Whitener
-from systems.measurement.base import MeasurementModel
-from systems.measurement.stack import Stack
-from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
-from systems.motion.random_walk import RandomWalk
-from systems.trajectories.great_circle import straight_line
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.library.models.three_satellite import models, satellite_orbit, target_state
+from quietfix.diagrams.statistics.bounds import bound_squares
+from quietfix.diagrams.statistics.posterior_bound import posterior_bound
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.unscented import UnscentedKalman
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
+from quietfix.systems.motion.random_walk import RandomWalk
+from quietfix.systems.trajectories.great_circle import straight_line
 
 
 class Linear(MeasurementModel):
@@ -122,7 +122,7 @@ def test_maximum_likelihood_reaches_the_bound_where_noise_is_small(kinds):
     # A root mean square that one weak direction makes is known to 1/sqrt(2 x 4000) = 1.1 %: 5 % are 4.5 of them.
     assert np.sqrt(np.mean(np.sum(error[:, :3] ** 2, axis=-1))) == pytest.approx(position, rel=0.05)
     assert np.sqrt(np.mean(np.sum(error[:, 3:] ** 2, axis=-1))) == pytest.approx(velocity, rel=0.05)
-    from systems.earth.geodetic import course_speed, ecef_to_geodetic
+    from quietfix.systems.earth.geodetic import course_speed, ecef_to_geodetic
 
     high = ecef_to_geodetic(found[:, :3])[2] - ecef_to_geodetic(path[-1, :3])[2]
     assert np.sqrt(np.mean(high**2)) == pytest.approx(height, rel=0.05)

@@ -4,14 +4,14 @@ import re
 
 import pytest
 
-from diagrams import figures
-from diagrams.assembly.drawing import diagram_dot
-from diagrams.commands.catalogue import load_scenario
-from diagrams.commands.command_line import main
-from diagrams.studies.study import Study
-from diagrams.studies.whole import run_study
-from diagrams.verification.verify import verify
-from systems.counting import counting
+from quietfix.diagrams import figures
+from quietfix.diagrams.assembly.drawing import diagram_dot
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.commands.command_line import main
+from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.studies.whole import run_study
+from quietfix.diagrams.verification.verify import verify
+from quietfix.systems.counting import counting
 
 SHORT = "duration_s=5"
 FACTS = ("declared", "wired", "built", "solved")

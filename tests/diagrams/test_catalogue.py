@@ -1,7 +1,7 @@
 """How a scenario and its estimators are put together."""
 
-from diagrams.assembly.lineup import select_estimators
-from diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.assembly.lineup import select_estimators
+from quietfix.diagrams.commands.catalogue import load_scenario
 
 
 def test_default_means_the_estimators_of_the_scenario():

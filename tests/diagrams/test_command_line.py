@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams.assembly.drawing import is_drawing
-from diagrams.commands import command_line
-from diagrams.studies.results import open_result
+from quietfix.diagrams.assembly.drawing import is_drawing
+from quietfix.diagrams.commands import command_line
+from quietfix.diagrams.studies.results import open_result
 from tests.interrupts import listening
 
-QUIETFIX = [sys.executable, "-m", "diagrams.commands.command_line"]
+QUIETFIX = [sys.executable, "-m", "quietfix.diagrams.commands.command_line"]
 PROJECT = Path(__file__).parents[2]
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(PROJECT), "PYTHONUNBUFFERED": "1"}
 SHORT = ["--set", "duration_s=10"]
@@ -41,7 +41,7 @@ def test_help_and_version(capsys):
     assert status == 0 and "Exit status" in out and "replay" in out
     # Help must not load what takes long to load.
     probe = (
-        "import sys, diagrams.commands.command_line; "
+        "import sys, quietfix.diagrams.commands.command_line; "
         "print([m for m in ('pydrake', 'numpy', 'xarray') if m in sys.modules])"
     )
     command = [sys.executable, "-c", probe]
@@ -189,7 +189,7 @@ def test_interrupt_keeps_finished_chunks_and_says_so(tmp_path):
 @pytest.mark.parametrize("asked", [["list"], ["show", "three_satellite"]])
 def test_a_reader_that_goes_away_is_no_mistake(asked):
     """As `quietfix list | head -1` does it: nothing is said, status 0."""
-    command = [sys.executable, "-u", "-m", "diagrams", *asked]
+    command = [sys.executable, "-u", "-m", "quietfix", *asked]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
         running.stdout.readline()
         running.stdout.close()
@@ -202,7 +202,7 @@ def test_a_reader_that_goes_away_is_no_mistake(asked):
 def test_an_output_that_is_full_is_one_line(asked):
     with open("/dev/full", "w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "diagrams", *asked], stdout=full, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "quietfix", *asked], stdout=full, stderr=subprocess.PIPE, text=True
         )
     assert done.returncode == 2
     assert done.stderr == "quietfix: the output cannot be written (No space left on device)\n"

@@ -11,18 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import run_study
-from diagrams.commands import command_line
-from diagrams.commands.catalogue import load_scenario
-from diagrams.experiments.candidates import STANDARD, line_up
-from diagrams.experiments.compare import compare
-from diagrams.experiments.compared_study import ComparedStudy
-from diagrams.schema.errors import UserError
-from diagrams.statistics.bootstrap import PairedBootstrap, interval
-from diagrams.statistics.metrics import armse, rmse
-from diagrams.statistics.state_errors import errors
-from diagrams.studies.whole import join
-from systems.registry import ESTIMATORS
+from quietfix.diagrams import run_study
+from quietfix.diagrams.commands import command_line
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.experiments.candidates import STANDARD, line_up
+from quietfix.diagrams.experiments.compare import compare
+from quietfix.diagrams.experiments.compared_study import ComparedStudy
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.bootstrap import PairedBootstrap, interval
+from quietfix.diagrams.statistics.metrics import armse, rmse
+from quietfix.diagrams.statistics.state_errors import errors
+from quietfix.diagrams.studies.whole import join
+from quietfix.systems.registry import ESTIMATORS
 
 SHORT = {
     "three_satellite": ["duration_s=12"],
@@ -37,10 +37,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from systems.estimators.base import Estimator
-from systems.estimators.memory import Innovation
-from systems.filters.gaussian import GaussianFilter, predict_extended
-from systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.memory import Innovation
+from quietfix.systems.filters.gaussian import GaussianFilter, predict_extended
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 
 
 @dataclass(frozen=True)
@@ -289,7 +289,15 @@ def test_full_size_by_the_installed_command(tmp_path):
     """100 trials of the default system in a separate process; the three full filters are alike, fewer rows worse."""
     project = Path(__file__).parents[2]
     done = subprocess.run(
-        [sys.executable, "-m", "diagrams.commands.command_line", "compare", "three_satellite", "--out", "made"],
+        [
+            sys.executable,
+            "-m",
+            "quietfix.diagrams.commands.command_line",
+            "compare",
+            "three_satellite",
+            "--out",
+            "made",
+        ],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(project)},
         capture_output=True,

@@ -4,15 +4,15 @@ import sys
 
 import pytest
 
-from diagrams.commands.new import new_files
-from diagrams.studies.study import Study
+from quietfix.diagrams.commands.new import new_files
+from quietfix.diagrams.studies.study import Study
 from tests.diagrams.test_command_line import in_process
 
 SOURCE = new_files("mine", python=True)["mine.py"]
 
 MODELS = """
-from systems.measurement.base import MeasurementModel
-from systems.motion.base import MotionModel
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.base import MotionModel
 
 
 class Own(MeasurementModel):
@@ -52,7 +52,7 @@ class OwnMotion(MotionModel):
         return 1.0 if self.broken == "noise" else np.eye(6)
 """
 
-IMPORT = "from systems.signals import Constant\n"
+IMPORT = "from quietfix.systems.signals import Constant\n"
 RANGES = "ranges = Range(scenario.sigma_m, stations=range(4))"
 MODELLED = SOURCE.replace(IMPORT, IMPORT + MODELS)
 

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.assembly.build import build
-from diagrams.commands.catalogue import load_scenario
-from diagrams.commands.mapping import bound_maps, map_figures
-from diagrams.figures import gdop
-from diagrams.library import bearing_crossing, satellite_ranging, three_satellite
-from diagrams.maps.bounds import map_bounds
-from diagrams.maps.charts import chart_of
-from diagrams.maps.default import default_maps, recorded_course
-from diagrams.parts.movers import Emitter, ModelTarget
-from diagrams.parts.sensing import TargetSensor
-from diagrams.schema.errors import UserError
-from diagrams.statistics.bounds import StudyBounds
-from systems.earth.geodetic import course_speed, ecef_to_geodetic
-from systems.motion.orbital import OrbitalMotion
-from systems.trajectories.gravity import GravityConstants
+from quietfix.diagrams.assembly.build import build
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.commands.mapping import bound_maps, map_figures
+from quietfix.diagrams.figures import gdop
+from quietfix.diagrams.library import bearing_crossing, satellite_ranging, three_satellite
+from quietfix.diagrams.maps.bounds import map_bounds
+from quietfix.diagrams.maps.charts import chart_of
+from quietfix.diagrams.maps.default import default_maps, recorded_course
+from quietfix.diagrams.parts.movers import Emitter, ModelTarget
+from quietfix.diagrams.parts.sensing import TargetSensor
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.bounds import StudyBounds
+from quietfix.systems.earth.geodetic import course_speed, ecef_to_geodetic
+from quietfix.systems.motion.orbital import OrbitalMotion
+from quietfix.systems.trajectories.gravity import GravityConstants
 from tests.diagrams import flat_plane, named_states
 from tests.fitting import check_fits
 

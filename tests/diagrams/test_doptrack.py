@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagrams.commands.replay import replay
-from diagrams.readers.data import data_folder
-from diagrams.readers.doptrack_data import read_passes, teme_to_earth_fixed
-from diagrams.recorded.doptrack import ORDERS, SOURCE, Settings, batch_fix, declare_passes
-from diagrams.recorded.settings.doptrack_settings import Selection
-from diagrams.schema.errors import UserError
-from systems.constants import EARTH_RATE
-from systems.earth.geodetic import ecef_to_geodetic
+from quietfix.diagrams.commands.replay import replay
+from quietfix.diagrams.readers.data import data_folder
+from quietfix.diagrams.readers.doptrack_data import read_passes, teme_to_earth_fixed
+from quietfix.diagrams.recorded.doptrack import ORDERS, SOURCE, Settings, batch_fix, declare_passes
+from quietfix.diagrams.recorded.settings.doptrack_settings import Selection
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.constants import EARTH_RATE
+from quietfix.systems.earth.geodetic import ecef_to_geodetic
 from tests.fitting import check_fits
 from tests.golden.recordings import report_of
 
@@ -101,7 +101,7 @@ def test_the_bad_pass_does_not_move_the_answer(passes, found):
 
 
 def test_a_few_passes_are_replayed_from_the_command(recorded, monkeypatch, capsys):
-    import diagrams.recorded.doptrack as doptrack
+    import quietfix.diagrams.recorded.doptrack as doptrack
 
     folder = recorded("doptrack_delfic3")
     monkeypatch.setattr(doptrack, "read_passes", lambda path: read_passes(path)[4:10])

@@ -6,9 +6,9 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from diagrams.assembly.drawing import diagram_dot, draw, find_graphviz
-from diagrams.schema.errors import UserError
-from diagrams.studies.study import Study
+from quietfix.diagrams.assembly.drawing import diagram_dot, draw, find_graphviz
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.study import Study
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -33,7 +33,7 @@ def lines_between(text, source, sink):
 def test_names_are_bold_and_classes_small(made):
     text = diagram_dot(made[0])
     assert '<B>iekf</B><BR/>\n<FONT POINT-SIZE="9" COLOR="#606060">KalmanEstimator</FONT>' in text
-    assert "name=" not in text.replace("fontname=", "") and "systems.estimators" not in text
+    assert "name=" not in text.replace("fontname=", "") and "quietfix.systems.estimators" not in text
 
 
 def test_wires_have_their_colours(made):

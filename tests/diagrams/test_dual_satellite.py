@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from diagrams import run_study
-from diagrams.commands.catalogue import load_scenario
-from diagrams.library.fields.dual_satellite import Truth
-from diagrams.library.models.dual_satellite import delay_doppler_sigmas, models, target_state
-from diagrams.parts import formation
-from diagrams.schema.errors import UserError
-from diagrams.statistics.metrics import summarise
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.geometry.lines_of_sight import line_of_sight
+from quietfix.diagrams import run_study
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.library.fields.dual_satellite import Truth
+from quietfix.diagrams.library.models.dual_satellite import delay_doppler_sigmas, models, target_state
+from quietfix.diagrams.parts import formation
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.metrics import summarise
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.geometry.lines_of_sight import line_of_sight
 
 # Truth that moves as the filters believe, its velocity drawn from their prior.
 BAYES = {"truth.motion": "!RandomAcceleration {sigma_velocity_mps: 200}"}

@@ -5,17 +5,17 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from diagrams import run_study
-from diagrams.commands.catalogue import load_scenario
-from diagrams.library.models.dual_satellite import models
-from diagrams.parts.dual_signal import QUALITY, predicted_sigmas
-from diagrams.schema.errors import UserError
-from diagrams.studies.study import Study
-from systems.ambiguity.differences import Flag
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.filters.whitening import Whitener
-from systems.measurement.stack import Stack
-from systems.motion.constant_velocity import ConstantVelocity
+from quietfix.diagrams import run_study
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.library.models.dual_satellite import models
+from quietfix.diagrams.parts.dual_signal import QUALITY, predicted_sigmas
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.study import Study
+from quietfix.systems.ambiguity.differences import Flag
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
 
 SHORT = {"sensing.samples": 16384, "sensing.snr_main_db": -6.0, "sensing.snr_auxiliary_db": -6.0}
 

@@ -5,10 +5,10 @@ import shutil
 import numpy as np
 import pytest
 
-from diagrams.readers.falcon9 import falcon9_flight
-from diagrams.schema.errors import UserError
-from diagrams.studies.study import Study
-from diagrams.studies.whole import run_study
+from quietfix.diagrams.readers.falcon9 import falcon9_flight
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.studies.whole import run_study
 
 
 @pytest.fixture(scope="module")

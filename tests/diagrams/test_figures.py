@@ -2,18 +2,18 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from diagrams.figures import study_figures
-from diagrams.figures.consistency import draw_consistency
-from diagrams.figures.convergence import draw_convergence
-from diagrams.figures.errors import draw_error
-from diagrams.figures.ground import draw_ground
-from diagrams.figures.particles import draw_particle_health, particle_filters
-from diagrams.figures.style import looks
-from diagrams.quantities.frame import EARTH_FIXED
-from diagrams.statistics.metrics import convergence_time, rmse
-from diagrams.statistics.state_errors import BOUNDS, errors
-from systems.earth.geodetic import geodetic_state
-from systems.trajectories.great_circle import straight_line
+from quietfix.diagrams.figures import study_figures
+from quietfix.diagrams.figures.consistency import draw_consistency
+from quietfix.diagrams.figures.convergence import draw_convergence
+from quietfix.diagrams.figures.errors import draw_error
+from quietfix.diagrams.figures.ground import draw_ground
+from quietfix.diagrams.figures.particles import draw_particle_health, particle_filters
+from quietfix.diagrams.figures.style import looks
+from quietfix.diagrams.quantities.frame import EARTH_FIXED
+from quietfix.diagrams.statistics.metrics import convergence_time, rmse
+from quietfix.diagrams.statistics.state_errors import BOUNDS, errors
+from quietfix.systems.earth.geodetic import geodetic_state
+from quietfix.systems.trajectories.great_circle import straight_line
 from tests.diagrams.results import result
 
 ALL = {

@@ -12,14 +12,14 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams import System, find, load_scenario, run_study
-from diagrams.assembly import find as finding
-from diagrams.experiments.compare import compare
-from diagrams.experiments.observability import observe
-from diagrams.experiments.sweep import sweep
-from diagrams.schema.errors import UserError
-from diagrams.studies.results import open_result
-from systems.signals import Draw, set_draw
+from quietfix.diagrams import System, find, load_scenario, run_study
+from quietfix.diagrams.assembly import find as finding
+from quietfix.diagrams.experiments.compare import compare
+from quietfix.diagrams.experiments.observability import observe
+from quietfix.diagrams.experiments.sweep import sweep
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.results import open_result
+from quietfix.systems.signals import Draw, set_draw
 from tests.diagrams.drone_module import DRONE, Scenario
 from tests.diagrams.test_command_line import in_process
 
@@ -35,7 +35,7 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "mine.py").write_text(SOURCE, encoding="utf-8")
     # pictures take seconds, and are those of every system
-    for drawing in ("diagrams.commands.running._illustrate", "diagrams.figures.gdop.draw_gdop"):
+    for drawing in ("quietfix.diagrams.commands.running._illustrate", "quietfix.diagrams.figures.gdop.draw_gdop"):
         monkeypatch.setattr(drawing, lambda *arguments: None)
     before = set(sys.modules)
     yield tmp_path
@@ -315,11 +315,11 @@ def test_an_edited_result_is_one_line(capsys, folder, key, value):
         ("three_satelite:coplanar", "did you mean three_satellite?"),
         ("no.such.module:DRONE", "there is no module no.such.module"),
         ("numpy.nothing:DRONE", "system: numpy.nothing cannot be imported: ModuleNotFoundError"),
-        ("numpy:pi", "system: numpy:pi is not allowed; it is of type float, an object of diagrams.System is needed"),
+        ("numpy:pi", "system: numpy:pi is not allowed; it is of type float, an object of quietfix.System is needed"),
         ("mine.py", "system: mine.py: which object in it? mine.py:OBJECT; there are DRONE"),
         ("mine.py:", "which object in it?"),
         ("mine.py:DRON", "system in mine.py: DRON is not known (did you mean DRONE?)"),
-        ("mine.py:PLACES", "it is of type list, an object of diagrams.System is needed; there are DRONE"),
+        ("mine.py:PLACES", "it is of type list, an object of quietfix.System is needed; there are DRONE"),
         ("mine.py:System", "it is of type class"),
         ("mine.py:DRONE:", "variant of mine.py:DRONE:  is not known; there are noisy"),
         ("mine.py:DRONE:nois", "did you mean noisy"),
@@ -341,7 +341,12 @@ def test_what_is_not_there_is_one_line(capsys, folder, reference, said):
 
 BREAKS = {
     "syntax": ("def declare(scenario):", "def declare(scenario:", "SyntaxError", "def declare"),
-    "import": ("from diagrams import System", "import no_such_module", "No module named 'no_such_module'", None),
+    "import": (
+        "from quietfix.diagrams import System",
+        "import no_such_module",
+        "No module named 'no_such_module'",
+        None,
+    ),
     "at import": ("PLACES = ", "PLACES = 1 / 0, ", "ZeroDivisionError: division by zero", None),
     "exit at import": ("PLACES = ", "raise SystemExit(7)\nPLACES = ", "SystemExit: 7", "raise"),
     "no dataclass": ("@dataclass\n", "", "scenario: <class", "DRONE = "),

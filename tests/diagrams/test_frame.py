@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagrams.figures.ground import draw_ground, has_ground
-from diagrams.quantities.frame import EARTH_FIXED, FRAMES, INERTIAL, LAUNCH, LOCAL, as_frame, frame_of
-from diagrams.schema.errors import UserError
-from diagrams.statistics.metrics import summarise
-from systems.earth.geodetic import geodetic_state, geodetic_to_ecef
+from quietfix.diagrams.figures.ground import draw_ground, has_ground
+from quietfix.diagrams.quantities.frame import EARTH_FIXED, FRAMES, INERTIAL, LAUNCH, LOCAL, as_frame, frame_of
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.metrics import summarise
+from quietfix.systems.earth.geodetic import geodetic_state, geodetic_to_ecef
 from tests.diagrams import flat_plane
 from tests.diagrams.results import result
 

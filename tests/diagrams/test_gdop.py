@@ -1,16 +1,16 @@
 import numpy as np
 import pytest
 
-from diagrams.commands.catalogue import load_scenario
-from diagrams.commands.mapping import map_figures
-from diagrams.figures.gdop import draw_gdop
-from diagrams.library.models.three_satellite import bound_map, measurement_sets, models
-from diagrams.library.three_satellite import SYSTEM
-from diagrams.maps.bounds import last_bound, map_bounds
-from diagrams.maps.ground import GroundPrior, ground_areas, ground_grid, ground_map
-from diagrams.schema.errors import UserError
-from systems.earth.geodetic import ecef_to_geodetic
-from systems.measurement.stack import Stack
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.commands.mapping import map_figures
+from quietfix.diagrams.figures.gdop import draw_gdop
+from quietfix.diagrams.library.models.three_satellite import bound_map, measurement_sets, models
+from quietfix.diagrams.library.three_satellite import SYSTEM
+from quietfix.diagrams.maps.bounds import last_bound, map_bounds
+from quietfix.diagrams.maps.ground import GroundPrior, ground_areas, ground_grid, ground_map
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.geodetic import ecef_to_geodetic
+from quietfix.systems.measurement.stack import Stack
 from tests.fitting import check_fits
 
 SETS = {

@@ -4,7 +4,7 @@ from datetime import UTC, datetime, timedelta, timezone
 
 import pytest
 
-from diagrams.readers.instants import instant
+from quietfix.diagrams.readers.instants import instant
 
 NOON = int(datetime(2020, 4, 1, 12, tzinfo=UTC).timestamp())
 

@@ -7,13 +7,13 @@ import pytest
 import sigmf
 from numpy.testing import assert_allclose
 
-from diagrams.commands.command_line import main
-from diagrams.commands.replay import replay
-from diagrams.readers.sigmf_file import read_sigmf
-from diagrams.recorded.iq import declare_recordings
-from diagrams.recorded.settings.iq_settings import Settings
-from diagrams.schema.errors import UserError
-from diagrams.studies.marker import MARKER
+from quietfix.diagrams.commands.command_line import main
+from quietfix.diagrams.commands.replay import replay
+from quietfix.diagrams.readers.sigmf_file import read_sigmf
+from quietfix.diagrams.recorded.iq import declare_recordings
+from quietfix.diagrams.recorded.settings.iq_settings import Settings
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.marker import MARKER
 from tests.fitting import check_fits
 from tests.golden.recordings import report_of
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from diagrams.commands.command_line import main
-from diagrams.commands.replay import replay
-from diagrams.readers.data import data_folder
-from diagrams.recorded.kiwisdr import SOURCE, read_folder
+from quietfix.diagrams.commands.command_line import main
+from quietfix.diagrams.commands.replay import replay
+from quietfix.diagrams.readers.data import data_folder
+from quietfix.diagrams.recorded.kiwisdr import SOURCE, read_folder
 from tests.fitting import check_fits
 
 PAIRS = ((0, 1), (0, 2), (1, 2))

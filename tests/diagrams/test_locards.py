@@ -9,29 +9,29 @@ import shutil
 import numpy as np
 import pytest
 
-from diagrams.commands.replay import replay
-from diagrams.readers.data import data_folder
-from diagrams.readers.locards_data import LocardsSet, read_receivers, read_sets
-from diagrams.recorded.locards import SOURCE, Settings, declare_sets, recording, split
-from diagrams.recorded.reports.locards_report import LocardsReport
-from diagrams.recorded.settings.locards_scores import Scores, headings
-from diagrams.recorded.settings.locards_sigma import residual_sigma
-from diagrams.schema.errors import UserError
-from diagrams.statistics.epochs import from_the_end
-from diagrams.statistics.metrics import summarise
-from diagrams.statistics.state_errors import errors
-from diagrams.studies import runs
-from diagrams.studies.marker import MARKER
-from diagrams.studies.results import open_result
-from diagrams.studies.store import append
-from diagrams.studies.study import Study
-from diagrams.studies.whole import join
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.geodetic import ecef_to_geodetic, geodetic_state, geodetic_to_ecef
-from systems.estimators.arrival_gate import KEPT
-from systems.geometry.refractivity import mean_refractivity
-from systems.sensors.recorded import Recording
-from systems.signals import leaf_systems
+from quietfix.diagrams.commands.replay import replay
+from quietfix.diagrams.readers.data import data_folder
+from quietfix.diagrams.readers.locards_data import LocardsSet, read_receivers, read_sets
+from quietfix.diagrams.recorded.locards import SOURCE, Settings, declare_sets, recording, split
+from quietfix.diagrams.recorded.reports.locards_report import LocardsReport
+from quietfix.diagrams.recorded.settings.locards_scores import Scores, headings
+from quietfix.diagrams.recorded.settings.locards_sigma import residual_sigma
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.epochs import from_the_end
+from quietfix.diagrams.statistics.metrics import summarise
+from quietfix.diagrams.statistics.state_errors import errors
+from quietfix.diagrams.studies import runs
+from quietfix.diagrams.studies.marker import MARKER
+from quietfix.diagrams.studies.results import open_result
+from quietfix.diagrams.studies.store import append
+from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.studies.whole import join
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_state, geodetic_to_ecef
+from quietfix.systems.estimators.arrival_gate import KEPT
+from quietfix.systems.geometry.refractivity import mean_refractivity
+from quietfix.systems.sensors.recorded import Recording
+from quietfix.systems.signals import leaf_systems
 from tests.fitting import check_fits
 from tests.golden.recordings import report_of
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from diagrams.statistics.consistency import chi_square_band, nees_statistics, nis_statistics
-from diagrams.statistics.metrics import (
+from quietfix.diagrams.statistics.consistency import chi_square_band, nees_statistics, nis_statistics
+from quietfix.diagrams.statistics.metrics import (
     armse,
     convergence_time,
     diverged,
@@ -14,8 +14,8 @@ from diagrams.statistics.metrics import (
     rmse,
     summarise,
 )
-from diagrams.statistics.state_errors import errors
-from systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_state
+from quietfix.diagrams.statistics.state_errors import errors
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_state
 from tests.diagrams.results import level_flight, result
 
 

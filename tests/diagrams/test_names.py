@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 import zarr
 
-from diagrams import run_study
-from diagrams.experiments.sweep import Sweep
-from diagrams.maps.bounds import map_bounds
-from diagrams.maps.default import default_maps
-from diagrams.schema.errors import UserError
-from diagrams.statistics.metrics import causal
-from diagrams.studies.output import OutputFolder
-from diagrams.studies.rerun import ask_again
-from diagrams.studies.result_schema import SCHEMA_VERSION
-from diagrams.studies.results import open_result
-from diagrams.studies.study import Study
+from quietfix.diagrams import run_study
+from quietfix.diagrams.experiments.sweep import Sweep
+from quietfix.diagrams.maps.bounds import map_bounds
+from quietfix.diagrams.maps.default import default_maps
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.metrics import causal
+from quietfix.diagrams.studies.output import OutputFolder
+from quietfix.diagrams.studies.rerun import ask_again
+from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
+from quietfix.diagrams.studies.results import open_result
+from quietfix.diagrams.studies.study import Study
 from tests.diagrams.drone_module import DRONE
 
 OWN = Path(__file__).parents[1] / "own"

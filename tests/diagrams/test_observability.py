@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from diagrams.experiments.observability import observe, prior_root, share_words
-from diagrams.quantities.frame import FRAMES
-from diagrams.schema.errors import UserError
-from diagrams.studies.marker import MARKER
+from quietfix.diagrams.experiments.observability import observe, prior_root, share_words
+from quietfix.diagrams.quantities.frame import FRAMES
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.marker import MARKER
 from tests.diagrams.flat_plane import POSITION, STATIONS, SYSTEM, Ranges3, Scenario
 from tests.diagrams.test_command_line import in_process
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from diagrams.commands.json_schema import json_schema
-from diagrams.schema.errors import UserError
-from diagrams.schema.reading import check_annotations, read
-from diagrams.schema.scenario import check_object, dump, load, read_yaml
+from quietfix.diagrams.commands.json_schema import json_schema
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.reading import check_annotations, read
+from quietfix.diagrams.schema.scenario import check_object, dump, load, read_yaml
 
 
 @dataclass(frozen=True)

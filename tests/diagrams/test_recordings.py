@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from diagrams import run_study
-from diagrams.assembly.find import RECORDINGS, find
-from diagrams.commands.command_line import app, main
-from diagrams.experiments.compare import compare
-from diagrams.schema.errors import UserError
-from diagrams.statistics.epochs import from_the_end
-from diagrams.statistics.state_errors import errors
-from diagrams.studies.rerun import ask_again
-from diagrams.studies.results import open_result
-from diagrams.studies.store import append
-from diagrams.studies.study import Study
-from diagrams.studies.whole import join
+from quietfix.diagrams import run_study
+from quietfix.diagrams.assembly.find import RECORDINGS, find
+from quietfix.diagrams.commands.command_line import app, main
+from quietfix.diagrams.experiments.compare import compare
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.epochs import from_the_end
+from quietfix.diagrams.statistics.state_errors import errors
+from quietfix.diagrams.studies.rerun import ask_again
+from quietfix.diagrams.studies.results import open_result
+from quietfix.diagrams.studies.store import append
+from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.studies.whole import join
 
 ROBUST = """
-from systems.estimators.kalman import KalmanEstimator
-from systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 
 
 class Robust(KalmanEstimator):
@@ -162,15 +162,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagrams import Source, System
-from diagrams.assembly.model import Assumed, Model
-from diagrams.assembly.recorded import Recorded
-from diagrams.readers.data import data_folder
-from diagrams.parts.recorded import RecordedStream
-from systems.documented import documented, text
-from systems.starts.start import GivenStart
-from systems.registry import estimator_options
-from systems.sensors.recorded import Recording
+from quietfix.diagrams import Source, System
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.assembly.recorded import Recorded
+from quietfix.diagrams.readers.data import data_folder
+from quietfix.diagrams.parts.recorded import RecordedStream
+from quietfix.systems.documented import documented, text
+from quietfix.systems.starts.start import GivenStart
+from quietfix.systems.registry import estimator_options
+from quietfix.systems.sensors.recorded import Recording
 
 SOURCE = Source("walks", "a phone", holds="walk_*.csv")
 
@@ -209,8 +209,8 @@ SYSTEM = System("walks", "two walks", Scenario, declare, {"estimators": {"iekf":
 '''
 
 MODELS = """
-from systems.measurement.base import MeasurementModel
-from systems.motion.stationary import Stationary
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.stationary import Stationary
 
 
 def FlatMotion():

@@ -5,13 +5,13 @@ import shutil
 import pytest
 from typer.testing import CliRunner
 
-from diagrams.commands.command_line import app
-from diagrams.commands.replay import replay
-from diagrams.readers.data import data_folder
-from diagrams.recorded.doptrack import SOURCE as DOPTRACK
-from diagrams.recorded.locards import SOURCE as LOCARDS
-from diagrams.schema.errors import UserError
-from diagrams.studies.recordings import recording_settings
+from quietfix.diagrams.commands.command_line import app
+from quietfix.diagrams.commands.replay import replay
+from quietfix.diagrams.readers.data import data_folder
+from quietfix.diagrams.recorded.doptrack import SOURCE as DOPTRACK
+from quietfix.diagrams.recorded.locards import SOURCE as LOCARDS
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.recordings import recording_settings
 
 
 @pytest.mark.parametrize(

@@ -5,16 +5,16 @@ import sys
 import numpy as np
 import pytest
 
-from diagrams import load_scenario, run_study
-from diagrams.library.models import satellite_ranging as satellite_ranging_models
-from diagrams.schema.errors import UserError
-from diagrams.statistics.consistency import nees_statistics
-from diagrams.statistics.metrics import armse, convergence_time, diverged, median, rmse, summarise
-from diagrams.statistics.state_errors import errors
-from diagrams.studies.study import Study
-from systems.options.ekf import Ekf
-from systems.plants.recorded import hermite
-from systems.sensors.preview import Preview
+from quietfix.diagrams import load_scenario, run_study
+from quietfix.diagrams.library.models import satellite_ranging as satellite_ranging_models
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.consistency import nees_statistics
+from quietfix.diagrams.statistics.metrics import armse, convergence_time, diverged, median, rmse, summarise
+from quietfix.diagrams.statistics.state_errors import errors
+from quietfix.diagrams.studies.study import Study
+from quietfix.systems.options.ekf import Ekf
+from quietfix.systems.plants.recorded import hermite
+from quietfix.systems.sensors.preview import Preview
 from tests.systems.ranging_scene import EARTH, OBSERVER, PRIOR, SIGMAS, TARGET
 
 NAME = "satellite_ranging"

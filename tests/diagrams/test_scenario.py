@@ -4,11 +4,11 @@ import dataclasses
 
 import pytest
 
-from diagrams.assembly.find import find, systems
-from diagrams.assembly.lineup import select_estimators
-from diagrams.commands.catalogue import load_scenario, variants
-from diagrams.schema.errors import UserError
-from diagrams.schema.scenario import dump, read_yaml
+from quietfix.diagrams.assembly.find import find, systems
+from quietfix.diagrams.assembly.lineup import select_estimators
+from quietfix.diagrams.commands.catalogue import load_scenario, variants
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.scenario import dump, read_yaml
 
 EVERY = [(name, variant) for name in systems() for variant in [None, *variants(name)]]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from diagrams.statistics.score import normalised_error
+from quietfix.diagrams.statistics.score import normalised_error
 
 
 def test_a_singular_covariance_gives_nan_in_its_trial_only():

@@ -9,11 +9,11 @@ import pytest
 import sigmf
 from numpy.testing import assert_allclose, assert_array_equal
 
-from diagrams.commands.replay import replay
-from diagrams.readers.sigmf_file import read_sigmf
-from diagrams.recorded.iq import declare_recordings
-from diagrams.recorded.settings.iq_settings import Settings
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.commands.replay import replay
+from quietfix.diagrams.readers.sigmf_file import read_sigmf
+from quietfix.diagrams.recorded.iq import declare_recordings
+from quietfix.diagrams.recorded.settings.iq_settings import Settings
+from quietfix.diagrams.schema.errors import UserError
 from tests.golden.recordings import report_of
 
 RATE, SIZE, DELAY = 1e6, 40_000, 12.3e-6

@@ -6,19 +6,19 @@ import warnings
 import numpy as np
 import pytest
 
-from diagrams.figures.consistency import draw_consistency
-from diagrams.figures.ground import draw_ground
-from diagrams.quantities.states import CarriedMotion, block, columns, translated
-from diagrams.schema.errors import UserError
-from diagrams.statistics.bounds import bound_squares
-from diagrams.statistics.consistency import nees_statistics
-from diagrams.statistics.metrics import rmse, summarise
-from diagrams.statistics.state_errors import axis_errors, errors
-from diagrams.studies.study import Study
-from diagrams.studies.whole import run_study
-from diagrams.verification.study_view import StudyFacts
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.motion.pass_oscillator import PassOscillator
+from quietfix.diagrams.figures.consistency import draw_consistency
+from quietfix.diagrams.figures.ground import draw_ground
+from quietfix.diagrams.quantities.states import CarriedMotion, block, columns, translated
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.bounds import bound_squares
+from quietfix.diagrams.statistics.consistency import nees_statistics
+from quietfix.diagrams.statistics.metrics import rmse, summarise
+from quietfix.diagrams.statistics.state_errors import axis_errors, errors
+from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.studies.whole import run_study
+from quietfix.diagrams.verification.study_view import StudyFacts
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.motion.pass_oscillator import PassOscillator
 from tests.diagrams.named_states import SIGMA, STATES, STATIONS, SYSTEM, TRUTH, WEIGHTS, Drift, Ranges, Scenario, belief
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from diagrams import run_study
-from diagrams.schema.errors import UserError
-from diagrams.studies.output import OutputFolder
-from diagrams.studies.results import open_result
-from diagrams.studies.study import Study
+from quietfix.diagrams import run_study
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.output import OutputFolder
+from quietfix.diagrams.studies.results import open_result
+from quietfix.diagrams.studies.study import Study
 
 SHORT = ["duration_s=20"]
 
@@ -138,7 +138,7 @@ def test_folder_with_other_content_is_left_alone(tmp_path):
         ({"keep": "everything"}, "keep: everything"),
         ({"estimators": ["nobody"]}, "estimator: nobody"),
         ({"estimators": ["no.such.module:Thing"]}, "no.such.module"),
-        ({"estimators": ["diagrams.schema.errors:UserError"]}, "a subclass of"),
+        ({"estimators": ["quietfix.diagrams.schema.errors:UserError"]}, "a subclass of"),
         ({"set": ["satellites=[]"]}, "satellites: 0 are given"),
         ({"set": ["truth.cross_km=4000"]}, "below 0 deg elevation"),
         ({"set": ["satellites.0.across_km=0", "belief.start=closed_form"]}, "belief.start: closed_form"),
@@ -173,7 +173,7 @@ def __getattr__(name):
     """Define the user's class late: the registry imports this module by its name."""
     if name != "HalfGain":
         raise AttributeError(name)
-    from systems.filters.iterated_extended import IteratedExtendedKalman
+    from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 
     class HalfGain(IteratedExtendedKalman):
         def update(self, mean, *rest):

@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import run_study
-from diagrams.assembly.find import systems
-from diagrams.commands import command_line
-from diagrams.commands.catalogue import load_scenario
-from diagrams.experiments.sweep import Sweep, parse_vary, sweep
-from diagrams.schema.errors import UserError
-from diagrams.statistics.state_errors import errors
-from diagrams.studies.marker import MARKER
-from diagrams.studies.results import open_result
-from diagrams.studies.study import Study
+from quietfix.diagrams import run_study
+from quietfix.diagrams.assembly.find import systems
+from quietfix.diagrams.commands import command_line
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.experiments.sweep import Sweep, parse_vary, sweep
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.state_errors import errors
+from quietfix.diagrams.studies.marker import MARKER
+from quietfix.diagrams.studies.results import open_result
+from quietfix.diagrams.studies.study import Study
 from tests.interrupts import listening
 from tests.laws.test_truth_ports import connections, leaks
 
@@ -271,7 +271,15 @@ def test_the_folder(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_interrupt_keeps_the_finished_points(tmp_path):
-    command = [sys.executable, "-m", "diagrams.commands.command_line", "sweep", "three_satellite", "--trials", "300"]
+    command = [
+        sys.executable,
+        "-m",
+        "quietfix.diagrams.commands.command_line",
+        "sweep",
+        "three_satellite",
+        "--trials",
+        "300",
+    ]
     command += ["--vary", "truth.sigma_tdoa_ns=10:40:20", "--out", "cut", "--estimator", "iekf"]
     environment = os.environ | {"PYTHONPATH": str(PROJECT)}
     running = subprocess.Popen(

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from diagrams.commands.command_line import main
-from diagrams.commands.comparing import comparison_table
-from diagrams.console.progress import Progress
-from diagrams.console.tables import Column, Styled, Table, print_table, rendered
-from diagrams.console.terminal import live, say, styled, width_of, wrapped
+from quietfix.diagrams.commands.command_line import main
+from quietfix.diagrams.commands.comparing import comparison_table
+from quietfix.diagrams.console.progress import Progress
+from quietfix.diagrams.console.tables import Column, Styled, Table, print_table, rendered
+from quietfix.diagrams.console.terminal import live, say, styled, width_of, wrapped
 from tests.fitting import WIDTHS, check_fits
 
 PACKAGES = [Path(__file__).parents[2] / name for name in ("diagrams", "systems")]
@@ -261,7 +261,7 @@ def test_what_the_encoding_lacks_is_no_error(monkeypatch, tmp_path):
 
 
 def test_progress_stays_out_of_pipes_and_dumb_terminals(terminal, monkeypatch):
-    monkeypatch.setattr("diagrams.console.progress._PATIENCE", -1.0)
+    monkeypatch.setattr("quietfix.diagrams.console.progress._PATIENCE", -1.0)
 
     def bar(stream):
         monkeypatch.setattr(sys, "stderr", stream)
@@ -278,7 +278,7 @@ def test_progress_stays_out_of_pipes_and_dumb_terminals(terminal, monkeypatch):
 
 
 def test_progress_in_a_pipe(monkeypatch, capsys):
-    monkeypatch.setattr("diagrams.console.progress._PATIENCE", -1.0)
+    monkeypatch.setattr("quietfix.diagrams.console.progress._PATIENCE", -1.0)
     monkeypatch.setenv("FORCE_COLOR", "1")
     with Progress("working", 2) as progress:
         progress.update(1)
@@ -294,7 +294,7 @@ def test_sentences_break_between_words_only(width):
 
 
 def test_nobody_else_prints_tables():
-    """One place decides how tables are printed; `diagrams.console.progress` alone draws with rich."""
+    """One place decides how tables are printed; `quietfix.diagrams.console.progress` alone draws with rich."""
     for file in (path for package in PACKAGES for path in package.rglob("*.py")):
         if file.name in ("tables.py", "terminal.py", "progress.py"):
             continue

@@ -6,11 +6,11 @@ Bands of RMSE for 100 trials: the reference's value times 0.72-1.05, the range o
 import numpy as np
 import pytest
 
-from diagrams import run_study
-from diagrams.commands.catalogue import load_scenario
-from diagrams.library.models.three_satellite import satellite_states
-from diagrams.statistics.metrics import summarise
-from diagrams.studies.study import Study
+from quietfix.diagrams import run_study
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.library.models.three_satellite import satellite_states
+from quietfix.diagrams.statistics.metrics import summarise
+from quietfix.diagrams.studies.study import Study
 
 PLACES = [(0, 50), (0, 300), (150, -500), (-300, 700)]
 # Reference: position, height [m] and speed [m/s] of all six measurements at 150 s.

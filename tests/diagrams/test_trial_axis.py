@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from diagrams import run_study
-from diagrams.studies.output import OutputFolder
-from diagrams.studies.results import open_result
-from diagrams.studies.study import Study
+from quietfix.diagrams import run_study
+from quietfix.diagrams.studies.output import OutputFolder
+from quietfix.diagrams.studies.results import open_result
+from quietfix.diagrams.studies.study import Study
 
 CASES = {
     "random truth": ("three_satellite", {"truth.motion": "!RandomAcceleration {}", "duration_s": 3}),

@@ -5,16 +5,16 @@ import sys
 import numpy as np
 import pytest
 
-from diagrams.assembly.lineup import select_estimators
-from diagrams.commands.catalogue import load_scenario
-from diagrams.commands.comparing import compare_command
-from diagrams.schema.errors import UserError
-from diagrams.studies.output import OutputFolder
-from diagrams.studies.whole import run_study
-from diagrams.verification.verify import verify
+from quietfix.diagrams.assembly.lineup import select_estimators
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.commands.comparing import compare_command
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.output import OutputFolder
+from quietfix.diagrams.studies.whole import run_study
+from quietfix.diagrams.verification.verify import verify
 
 FILTERS = """
-from systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 
 class Raises(IteratedExtendedKalman):
     def update(self, *arguments):
@@ -114,7 +114,7 @@ def test_a_requirement_is_about_one_estimator(tmp_path, second, said):
 
 
 def test_compare_sees_every_folder_and_repetition_before_it_runs(tmp_path, monkeypatch):
-    monkeypatch.setattr("diagrams.commands.comparing.prepare", lambda *a, **k: pytest.fail("it ran"))
+    monkeypatch.setattr("quietfix.diagrams.commands.comparing.prepare", lambda *a, **k: pytest.fail("it ran"))
     with OutputFolder(tmp_path / "bearing_crossing") as folder:
         folder.finish()
     with pytest.raises(UserError, match="holds an earlier result"):
@@ -128,7 +128,7 @@ def test_files_of_the_same_name_beside_two_requirements_files_are_two(tmp_path):
     for folder, offset in (("a", 0.0), ("b", 1e6)):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "same_name.py").write_text(
-            "from systems.filters.iterated_extended import IteratedExtendedKalman\n\n\n"
+            "from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman\n\n\n"
             "class Shifted(IteratedExtendedKalman):\n    def update(self, *arguments):\n"
             "        result = super().update(*arguments)\n"
             f"        return result._replace(mean=result.mean + {offset})\n",
@@ -145,8 +145,8 @@ def test_files_of_the_same_name_beside_two_requirements_files_are_two(tmp_path):
 
 
 def test_lost_trials_make_the_nees_infinite():
-    from diagrams.commands.comparing import comparison_table
-    from diagrams.experiments.compare import compare
+    from quietfix.diagrams.commands.comparing import comparison_table
+    from quietfix.diagrams.experiments.compare import compare
 
     found = compare(
         "three_satellite", estimators=["iekf", "wrong_filters:HalfLost"], trials=6, set=["duration_s=3"], seed=1

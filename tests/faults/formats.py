@@ -67,21 +67,21 @@ def _file(text, name, rng, folder):
 
 
 def _path(mover, folder):
-    from diagrams.paths.functions import path_of
-    from diagrams.paths.records import Setting
-    from diagrams.quantities.frame import EARTH_FIXED
-    from systems.trajectories.gravity import GravityConstants
+    from quietfix.diagrams.paths.functions import path_of
+    from quietfix.diagrams.paths.records import Setting
+    from quietfix.diagrams.quantities.frame import EARTH_FIXED
+    from quietfix.systems.trajectories.gravity import GravityConstants
 
     setting = Setting(2.0, None, folder)
     path_of(mover, EARTH_FIXED, setting, GravityConstants(), "target")(1.0)
 
 
 def tdm(rng, folder):
-    from diagrams.readers.ccsds.tdm import read_tdm
-    from diagrams.readers.ccsds.tdm_observations import observations
-    from diagrams.readers.ccsds.tdm_table import tdm_measurements
-    from diagrams.writers.tdm import tdm_text
-    from diagrams.writers.tdm_table import message_of_table
+    from quietfix.diagrams.readers.ccsds.tdm import read_tdm
+    from quietfix.diagrams.readers.ccsds.tdm_observations import observations
+    from quietfix.diagrams.readers.ccsds.tdm_table import tdm_measurements
+    from quietfix.diagrams.writers.tdm import tdm_text
+    from quietfix.diagrams.writers.tdm_table import message_of_table
 
     text = rng.choice(list(tdm_examples.ALL.values())).replace("PATH = 1,2,1", "PATH = 2,1").replace("1,2,3,2,1", "2,1")
     file = _file(text, "a.tdm", rng, folder)
@@ -94,9 +94,9 @@ def tdm(rng, folder):
 
 
 def oem(rng, folder):
-    from diagrams.paths.movers import Oem
-    from diagrams.readers.ccsds.oem import read_oem
-    from diagrams.writers.oem import oem_text
+    from quietfix.diagrams.paths.movers import Oem
+    from quietfix.diagrams.readers.ccsds.oem import read_oem
+    from quietfix.diagrams.writers.oem import oem_text
 
     text = rng.choice([ORBIT, ORBIT, oem_examples.COVARIANCES, oem_examples.TWO_SEGMENTS])
     file = _file(text, "a.oem", rng, folder)
@@ -108,9 +108,9 @@ def oem(rng, folder):
 
 
 def gpx(rng, folder):
-    from diagrams.paths.movers import Gpx
-    from diagrams.readers.gpx import read_gpx
-    from diagrams.writers.gpx import gpx_text
+    from quietfix.diagrams.paths.movers import Gpx
+    from quietfix.diagrams.readers.gpx import read_gpx
+    from quietfix.diagrams.writers.gpx import gpx_text
 
     file = _file(TRACK, "a.gpx", rng, folder)
     tracks = read_gpx(file)
@@ -120,8 +120,8 @@ def gpx(rng, folder):
 
 
 def platforms(rng, folder):
-    from diagrams.paths.movers import Platform
-    from diagrams.readers.platforms import read_platforms
+    from quietfix.diagrams.paths.movers import Platform
+    from quietfix.diagrams.readers.platforms import read_platforms
 
     file = _file(PLATFORMS, "p.csv", rng, folder)
     for name in read_platforms(file).platforms:

@@ -115,7 +115,7 @@ def written(data):
 
 
 def command(*arguments):
-    from diagrams.commands.command_line import main
+    from quietfix.diagrams.commands.command_line import main
 
     main([str(one) for one in arguments])
 
@@ -124,9 +124,9 @@ SYSTEMS = ["three_satellite", "bearing_crossing", "beacon_rocket", "satellite_ra
 
 
 def scenario(rng, folder):
-    from diagrams.commands.catalogue import load_scenario
-    from diagrams.schema.scenario import dump
-    from diagrams.schema.yaml_text import load_yaml
+    from quietfix.diagrams.commands.catalogue import load_scenario
+    from quietfix.diagrams.schema.scenario import dump
+    from quietfix.diagrams.schema.yaml_text import load_yaml
 
     name = rng.choice(SYSTEMS)
     data = load_yaml(dump(load_scenario(name), comments=False))
@@ -180,7 +180,7 @@ def bearings(rng, folder):
 
 
 def locards(rng, folder):
-    from diagrams.readers.locards_data import read_sets
+    from quietfix.diagrams.readers.locards_data import read_sets
 
     sensors = "serial,latitude,longitude,height\n1,50,8,100\n2,50.5,8.5,200\n3,50.2,8.9,150\n"
     head = "aircraft,latitude,longitude,baroAltitude,geoAltitude,measurements\n"
@@ -212,7 +212,7 @@ META = {
 
 
 def sigmf(rng, folder):
-    from diagrams.readers.sigmf_file import read_sigmf
+    from quietfix.diagrams.readers.sigmf_file import read_sigmf
 
     np.zeros(16, np.complex64).tofile(folder / "a.sigmf-data")
     text = json.dumps(spoil(META, rng)).encode()
@@ -239,7 +239,7 @@ def sp3_text():
 
 
 def sp3(rng, folder):
-    from systems.plants.sp3 import read_sp3
+    from quietfix.systems.plants.sp3 import read_sp3
 
     text = sp3_text()
     if rng.random() < 0.5:

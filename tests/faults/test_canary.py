@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from diagrams.studies.marker import MARKER
+from quietfix.diagrams.studies.marker import MARKER
 from tests.faults.tree import picture, plant, quietfix, shorten
 
 REFUSED = [
@@ -72,7 +72,7 @@ def test_an_empty_folder_is_filled(tree):
 
 def test_a_run_that_fails_takes_away_only_the_folders_it_made(tree, monkeypatch):
     before = picture(tree)
-    monkeypatch.setattr("diagrams.commands.mapping.map_figures", lambda *arguments: 1 / 0)
+    monkeypatch.setattr("quietfix.diagrams.commands.mapping.map_figures", lambda *arguments: 1 / 0)
     for out in ("x", "x/y/z", "thesis/x/y"):
         with pytest.raises(ZeroDivisionError):
             quietfix_raising(out)
@@ -80,7 +80,7 @@ def test_a_run_that_fails_takes_away_only_the_folders_it_made(tree, monkeypatch)
 
 
 def quietfix_raising(out):
-    from diagrams.commands.running import gdop_command
+    from quietfix.diagrams.commands.running import gdop_command
 
     gdop_command("three_satellite", None, None, out, False)
 
@@ -128,7 +128,7 @@ def test_draw_replaces_the_file_that_is_named_and_says_so(tree, capsys, monkeypa
         path.write_text("half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("diagrams.assembly.drawing.draw", fail)
+    monkeypatch.setattr("quietfix.diagrams.assembly.drawing.draw", fail)
     before = picture(tree)
     assert quietfix("draw", "three_satellite", "--out", "picture.svg") == 2
     assert "No space left" in capsys.readouterr().err and picture(tree) == before

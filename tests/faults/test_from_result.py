@@ -6,18 +6,18 @@ import sys
 
 import pytest
 
-from diagrams.commands.catalogue import load_scenario
-from diagrams.schema.errors import UserError
-from diagrams.studies.marker import MARKER
-from diagrams.studies.output import OutputFolder
-from diagrams.studies.rerun import ask_again
-from diagrams.studies.results import open_result
-from diagrams.studies.study import Study
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.marker import MARKER
+from quietfix.diagrams.studies.output import OutputFolder
+from quietfix.diagrams.studies.rerun import ask_again
+from quietfix.diagrams.studies.results import open_result
+from quietfix.diagrams.studies.study import Study
 from tests.faults.tree import quietfix
 
 SPY = """
 from pathlib import Path
-from systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 
 Path("ran").touch()
 
@@ -137,7 +137,7 @@ def test_what_a_user_names_himself_needs_no_trust(copy, tmp_path, capsys, monkey
 
 
 def test_a_result_runs_again_into_itself(copy, capsys, monkeypatch):
-    monkeypatch.setattr("diagrams.commands.running._illustrate", lambda *arguments: None)
+    monkeypatch.setattr("quietfix.diagrams.commands.running._illustrate", lambda *arguments: None)
     assert quietfix("run", "--from", "copy", "--out", "copy") == 2
     before = open_result("copy")["estimate"].load()
     assert quietfix("run", "--from", "copy", "--out", "copy", "--overwrite") == 0, capsys.readouterr().err

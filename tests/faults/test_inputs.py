@@ -7,13 +7,13 @@ import time
 import numpy as np
 import pytest
 
-from diagrams.assembly.find import find
-from diagrams.commands.catalogue import load_scenario
-from diagrams.commands.command_line import main
-from diagrams.schema.errors import UserError, one_line
-from diagrams.schema.scenario import dump, load, read_yaml
-from diagrams.studies.whole import run_study
-from systems.files import Unreadable, read_bytes, read_text
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.commands.command_line import main
+from quietfix.diagrams.schema.errors import UserError, one_line
+from quietfix.diagrams.schema.scenario import dump, load, read_yaml
+from quietfix.diagrams.studies.whole import run_study
+from quietfix.systems.files import Unreadable, read_bytes, read_text
 
 RUN = {"trials": 2, "set": {"duration_s": 2}}
 
@@ -175,8 +175,8 @@ def test_an_alias_may_be_used():
 
 CLASSES = """
 import sys
-from systems.estimators.kalman import KalmanEstimator
-from systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 
 class Mute(BaseException):
     def __str__(self):

@@ -10,10 +10,10 @@ import warnings
 
 import pytest
 
-from diagrams.schema.errors import UserError
-from diagrams.studies.marker import MARKER, read_mark
-from diagrams.studies.output import OutputFolder
-from diagrams.studies.results import open_result
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.marker import MARKER, read_mark
+from quietfix.diagrams.studies.output import OutputFolder
+from quietfix.diagrams.studies.results import open_result
 from tests.faults.tree import ShortStudy, chunk, picture, quietfix, shorten, write_result
 
 RUN = ["run", "three_satellite", "--out", "d", "--overwrite"]

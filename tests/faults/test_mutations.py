@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from systems.plants.sp3 import read_sp3
+from quietfix.systems.plants.sp3 import read_sp3
 from tests.faults import formats, mutations
 
 ROOT = Path(__file__).parents[2]

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from diagrams.commands.comparing import comparison_table
-from diagrams.commands.running import print_summary
-from diagrams.experiments.compare import compare
-from diagrams.statistics.metrics import diverged, not_started, summarise
-from diagrams.studies.starting import why_not_started
-from diagrams.studies.whole import run_study
-from systems.linear_algebra import inverses, solve
+from quietfix.diagrams.commands.comparing import comparison_table
+from quietfix.diagrams.commands.running import print_summary
+from quietfix.diagrams.experiments.compare import compare
+from quietfix.diagrams.statistics.metrics import diverged, not_started, summarise
+from quietfix.diagrams.studies.starting import why_not_started
+from quietfix.diagrams.studies.whole import run_study
+from quietfix.systems.linear_algebra import inverses, solve
 
 ONE_PLACE = "satellites=[!Offset {along_km: 0.0, across_km: 69.0}, !Offset {along_km: 40.0}, !Offset {along_km: 40.0}]"
 

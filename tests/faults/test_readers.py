@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams.readers.bearings_file import read_bearings
-from diagrams.readers.ccsds.oem import read_oem
-from diagrams.readers.ccsds.tdm import read_tdm
-from diagrams.readers.doptrack_data import read_passes
-from diagrams.readers.falcon9 import falcon9_flight
-from diagrams.readers.gpx import read_gpx
-from diagrams.readers.locards_data import read_sets
-from diagrams.readers.platforms import read_platforms
-from diagrams.readers.sigmf_file import read_sigmf
-from diagrams.recorded.kiwisdr import read_folder
-from diagrams.schema.errors import UserError
-from systems.plants.sp3 import read_sp3
+from quietfix.diagrams.readers.bearings_file import read_bearings
+from quietfix.diagrams.readers.ccsds.oem import read_oem
+from quietfix.diagrams.readers.ccsds.tdm import read_tdm
+from quietfix.diagrams.readers.doptrack_data import read_passes
+from quietfix.diagrams.readers.falcon9 import falcon9_flight
+from quietfix.diagrams.readers.gpx import read_gpx
+from quietfix.diagrams.readers.locards_data import read_sets
+from quietfix.diagrams.readers.platforms import read_platforms
+from quietfix.diagrams.readers.sigmf_file import read_sigmf
+from quietfix.diagrams.recorded.kiwisdr import read_folder
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.plants.sp3 import read_sp3
 
 BEARINGS = "time_s,x_m,y_m,bearing_deg,sigma_deg\n0,0,0,45,1\n{},{},0,135,1\n"
 

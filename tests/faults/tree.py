@@ -13,8 +13,8 @@ import pytest
 import typer.main
 import xarray as xr
 
-from diagrams.commands import command_line, running
-from diagrams.studies.output import OutputFolder
+from quietfix.diagrams.commands import command_line, running
+from quietfix.diagrams.studies.output import OutputFolder
 
 
 def picture(root):
@@ -44,7 +44,7 @@ def chunk(first, count):
 
 
 class ShortStudy:
-    """Stands for `diagrams.studies.study.Study` where what is written matters, and not what is in it."""
+    """Stands for `quietfix.diagrams.studies.study.Study` where what is written matters, and not what is in it."""
 
     request = SimpleNamespace(trials=4, system="three_satellite")
     picture, probe = None, SimpleNamespace(dashed=(), contents=())  # `draw` below does not look at them
@@ -83,11 +83,11 @@ def shorten(monkeypatch):
     """Let `quietfix run` and `quietfix gdop` write a small result at once."""
     monkeypatch.setattr(command_line, "app", command())
     monkeypatch.setattr(
-        "diagrams.commands.mapping.map_figures", lambda of, scenario, folder: (folder / "m.png").touch()
+        "quietfix.diagrams.commands.mapping.map_figures", lambda of, scenario, folder: (folder / "m.png").touch()
     )
-    monkeypatch.setattr("diagrams.studies.study.Study", ShortStudy)
-    monkeypatch.setattr("diagrams.assembly.drawing.draw", draw)
-    monkeypatch.setattr("diagrams.statistics.metrics.summarise", lambda dataset: {})
+    monkeypatch.setattr("quietfix.diagrams.studies.study.Study", ShortStudy)
+    monkeypatch.setattr("quietfix.diagrams.assembly.drawing.draw", draw)
+    monkeypatch.setattr("quietfix.diagrams.statistics.metrics.summarise", lambda dataset: {})
     monkeypatch.setattr(running, "print_summary", lambda *arguments: None)
     monkeypatch.setattr(running, "_illustrate", illustrate)
 

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from diagrams.assembly.find import systems
-from diagrams.commands.catalogue import variants
+from quietfix.diagrams.assembly.find import systems
+from quietfix.diagrams.commands.catalogue import variants
 
 __all__ = ["CASES", "Case"]
 

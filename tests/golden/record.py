@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from diagrams.studies.study import Study
-from diagrams.studies.whole import join
+from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.studies.whole import join
 from tests.golden.cases import CASES
 
 __all__ = ["FILE", "fingerprint", "machine", "read", "write"]

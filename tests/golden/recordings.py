@@ -10,19 +10,19 @@ from pathlib import Path
 
 import numpy as np
 
-from diagrams.readers.bearings_file import read_bearings
-from diagrams.readers.doptrack_data import read_passes
-from diagrams.readers.locards_data import read_sets
-from diagrams.recorded.bearings import Settings as BearingsSettings
-from diagrams.recorded.bearings import declare_bearings
-from diagrams.recorded.doptrack import ORDERS, declare_passes
-from diagrams.recorded.doptrack import Settings as DoptrackSettings
-from diagrams.recorded.kiwisdr import declare_data, read_folder
-from diagrams.recorded.locards import Settings as LocardsSettings
-from diagrams.recorded.locards import declare_sets
-from diagrams.recorded.settings.kiwisdr_settings import Settings as KiwiSettings
-from diagrams.studies.study import Study
-from diagrams.studies.whole import join
+from quietfix.diagrams.readers.bearings_file import read_bearings
+from quietfix.diagrams.readers.doptrack_data import read_passes
+from quietfix.diagrams.readers.locards_data import read_sets
+from quietfix.diagrams.recorded.bearings import Settings as BearingsSettings
+from quietfix.diagrams.recorded.bearings import declare_bearings
+from quietfix.diagrams.recorded.doptrack import ORDERS, declare_passes
+from quietfix.diagrams.recorded.doptrack import Settings as DoptrackSettings
+from quietfix.diagrams.recorded.kiwisdr import declare_data, read_folder
+from quietfix.diagrams.recorded.locards import Settings as LocardsSettings
+from quietfix.diagrams.recorded.locards import declare_sets
+from quietfix.diagrams.recorded.settings.kiwisdr_settings import Settings as KiwiSettings
+from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.studies.whole import join
 from tests.golden.record import _array, machine
 
 __all__ = ["FAST", "FILE", "SLOW", "read", "recorded_case", "report_of"]

@@ -3,8 +3,8 @@
 import numpy as np
 from sgp4.api import Satrec
 
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.geodetic import geodetic_to_ecef
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.geodetic import geodetic_to_ecef
 
 STATION = (48.1, 11.6, 520.0)
 START = 1_583_100_000  # 2020-03-01T22:00:00Z

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from sgp4.api import Satrec
 
-from diagrams.commands.command_line import main
-from diagrams.identification.prediction import satellite_path, shifts_of
-from systems.earth.geodetic import geodetic_to_ecef
+from quietfix.diagrams.commands.command_line import main
+from quietfix.diagrams.identification.prediction import satellite_path, shifts_of
+from quietfix.systems.earth.geodetic import geodetic_to_ecef
 from tests.identification.doppler import CARRIER, START, STATION, lines_of, range_rates, received
 
 PASS = {"node": 300.0, "anomaly": 110.0}  # 21 degrees high, 600 s long

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from diagrams.identification.command import Asked, find_station
-from diagrams.identification.station_report import station_verdict
+from quietfix.diagrams.identification.command import Asked, find_station
+from quietfix.diagrams.identification.station_report import station_verdict
 from tests.identification.doppler import CARRIER, STATION, lines_of, received
 from tests.identification.test_identify import OBJECTS, TIMES, elements, quietfix, write
 

@@ -1,60 +1,60 @@
 """What the laws are tested on: every measurement model, motion model, filter and estimator, and where.
 
 This is the one place to list a new model with an example of it; `test_completeness` fails for one that is missing.
-Estimators come from `systems.registry.ESTIMATORS`: a new line there is tested without a change here, except that
-an options class without usable defaults needs an example in `EXAMPLES`.
+Estimators come from `quietfix.systems.registry.ESTIMATORS`: a new line there is tested without a change here, except
+that an options class without usable defaults needs an example in `EXAMPLES`.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from systems.angles.bearing import Bearing
-from systems.angles.direct_azimuth import DirectAzimuth
-from systems.angles.direction import Direction, DirectionCosines
-from systems.angles.horizon import HorizonBearing
-from systems.angles.phase import InterferometerPhase
-from systems.angles.relative_kinematics import ROWS, RelativeKinematics
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.earth.geodetic import ecef_to_geodetic, geodetic_state
-from systems.filters.common_mode import CommonModeMonitor
-from systems.filters.gaussian import GaussianFilter
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.filters.modified_gain import ModifiedGainKalman
-from systems.filters.robust import StudentRows
-from systems.filters.unscented import UnscentedKalman
-from systems.fixes.ranged_position import RangedPosition
-from systems.measurement.altitude import Altitude
-from systems.measurement.chosen import ChosenRows
-from systems.measurement.component import Component
-from systems.measurement.custom import CustomMeasurement
-from systems.measurement.distance import Range
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.frequency import Frequency
-from systems.measurement.position import Position
-from systems.measurement.range_rate import RangeRate
-from systems.measurement.received_power import ReceivedPower
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.motion.azimuth_rate import AzimuthRate
-from systems.motion.base import MotionModel
-from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
-from systems.motion.current_statistical import CurrentStatistical
-from systems.motion.custom import CustomMotion
-from systems.motion.gauss_markov import GaussMarkov
-from systems.motion.known_flight import KnownFlight
-from systems.motion.orbital import OrbitalMotion
-from systems.motion.pass_oscillator import PassOscillator
-from systems.motion.random_walk import RandomWalk
-from systems.motion.side_by_side import SideBySide
-from systems.motion.stationary import Stationary
-from systems.options.custom import Custom
-from systems.options.iekf import Iekf
-from systems.options.ukf import Ukf
-from systems.registry import ESTIMATORS, object_at
-from systems.trajectories.gravity import GravityConstants
-from systems.trajectories.kepler import KeplerElements, mean_motion, state_of
+from quietfix.systems.angles.bearing import Bearing
+from quietfix.systems.angles.direct_azimuth import DirectAzimuth
+from quietfix.systems.angles.direction import Direction, DirectionCosines
+from quietfix.systems.angles.horizon import HorizonBearing
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_state
+from quietfix.systems.filters.common_mode import CommonModeMonitor
+from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.modified_gain import ModifiedGainKalman
+from quietfix.systems.filters.robust import StudentRows
+from quietfix.systems.filters.unscented import UnscentedKalman
+from quietfix.systems.fixes.ranged_position import RangedPosition
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.chosen import ChosenRows
+from quietfix.systems.measurement.component import Component
+from quietfix.systems.measurement.custom import CustomMeasurement
+from quietfix.systems.measurement.distance import Range
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.frequency import Frequency
+from quietfix.systems.measurement.position import Position
+from quietfix.systems.measurement.range_rate import RangeRate
+from quietfix.systems.measurement.received_power import ReceivedPower
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.motion.azimuth_rate import AzimuthRate
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
+from quietfix.systems.motion.current_statistical import CurrentStatistical
+from quietfix.systems.motion.custom import CustomMotion
+from quietfix.systems.motion.gauss_markov import GaussMarkov
+from quietfix.systems.motion.known_flight import KnownFlight
+from quietfix.systems.motion.orbital import OrbitalMotion
+from quietfix.systems.motion.pass_oscillator import PassOscillator
+from quietfix.systems.motion.random_walk import RandomWalk
+from quietfix.systems.motion.side_by_side import SideBySide
+from quietfix.systems.motion.stationary import Stationary
+from quietfix.systems.options.custom import Custom
+from quietfix.systems.options.iekf import Iekf
+from quietfix.systems.options.ukf import Ukf
+from quietfix.systems.registry import ESTIMATORS, object_at
+from quietfix.systems.trajectories.gravity import GravityConstants
+from quietfix.systems.trajectories.kepler import KeplerElements, mean_motion, state_of
 
 # ------------------------------------------------------------------------------------------------ geometries
 
@@ -363,7 +363,7 @@ FILTERS: dict[str, GaussianFilter] = {
 """Every Gaussian filter, as bare functions."""
 
 EXAMPLES = {
-    "custom": [Custom(class_="systems.filters.iterated_extended:IteratedExtendedKalman")],
+    "custom": [Custom(class_="quietfix.systems.filters.iterated_extended:IteratedExtendedKalman")],
     "iekf": [Iekf(), Iekf(max_iterations=3, tolerance=1.0)],
     "ukf": [Ukf(), Ukf(alpha=0.5, beta=2.0, kappa=1.0)],
 }

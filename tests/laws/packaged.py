@@ -4,11 +4,11 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.assembly.find import find, systems
-from diagrams.assembly.lineup import select_estimators
-from diagrams.commands.catalogue import load_scenario, variants
-from systems.recorder import record
-from systems.signals import Draw, set_draw
+from quietfix.diagrams.assembly.find import find, systems
+from quietfix.diagrams.assembly.lineup import select_estimators
+from quietfix.diagrams.commands.catalogue import load_scenario, variants
+from quietfix.systems.recorder import record
+from quietfix.systems.signals import Draw, set_draw
 
 __all__ = ["EVERYTHING", "Packaged", "squared_error"]
 

@@ -4,13 +4,13 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.clocks import Periodic
-from systems.estimators.wiring import Wiring
-from systems.measurement.base import MeasurementModel
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.recorder import record
-from systems.signals import Draw, EnsembleBlock, set_draw
-from systems.starts.start import GivenStart
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.recorder import record
+from quietfix.systems.signals import Draw, EnsembleBlock, set_draw
+from quietfix.systems.starts.start import GivenStart
 from tests.laws.cases import PASS, PLACES, place, satellites, six
 
 __all__ = ["PORTS", "Feed", "Linear", "Scene", "assert_same", "make", "run", "textbook", "with_gaps"]

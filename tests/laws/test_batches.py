@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from systems.filters.hypotheses import branch
-from systems.filters.modified_gain import ModifiedGainKalman
-from systems.filters.square_root import Gains
-from systems.filters.whitening import Whitener
-from systems.linear_algebra import dot
-from systems.noise import normal
+from quietfix.systems.filters.hypotheses import branch
+from quietfix.systems.filters.modified_gain import ModifiedGainKalman
+from quietfix.systems.filters.square_root import Gains
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.linear_algebra import dot
+from quietfix.systems.noise import normal
 from tests.laws.cases import FILTERS, estimators
 from tests.laws.rig import Scene, assert_same, with_gaps
 

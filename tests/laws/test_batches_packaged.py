@@ -6,15 +6,15 @@ Bit for bit, whatever its neighbours miss, for every registered estimator.
 import numpy as np
 import pytest
 
-from diagrams.studies.whole import run_study
-from systems.registry import ESTIMATORS
+from quietfix.diagrams.studies.whole import run_study
+from quietfix.systems.registry import ESTIMATORS
 from tests.laws.packaged import EVERYTHING
 
 _ROWS = {"drop_out_rate": 0.15, "outlier_rate": 0.05}
 _KNOWN = {"sigma_platform_position_m": 20, "sigma_platform_velocity_mps": 0.1}
 _TURNED = {"attitude_roll_deg": 0.02, "sigma_attitude_deg": 0.05}
 _CLOCKS = {"clock_offset_ns": 5, "sigma_clock_offset_ns": 20}
-_CUSTOM = "systems.filters.iterated_extended:IteratedExtendedKalman"
+_CUSTOM = "quietfix.systems.filters.iterated_extended:IteratedExtendedKalman"
 _CLOUDS = {"estimators.pf": "!Pf {particles: 300}", "estimators.pf_sir": "!PfSir {particles: 300}"}
 
 

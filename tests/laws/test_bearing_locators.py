@@ -5,18 +5,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from systems.angle_wrapping import wrap
-from systems.angles.bearing import Bearing
-from systems.clocks import Periodic, Times
-from systems.estimators.azimuth_filter import AzimuthFilter
-from systems.estimators.wiring import Wiring
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.motion.stationary import Stationary
-from systems.options.crossing import Crossing
-from systems.options.ml import Ml
-from systems.options.range_bank import RangeBank
-from systems.registry import ESTIMATORS
-from systems.starts.bearing_start import BearingStart
+from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.angles.bearing import Bearing
+from quietfix.systems.clocks import Periodic, Times
+from quietfix.systems.estimators.azimuth_filter import AzimuthFilter
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.motion.stationary import Stationary
+from quietfix.systems.options.crossing import Crossing
+from quietfix.systems.options.ml import Ml
+from quietfix.systems.options.range_bank import RangeBank
+from quietfix.systems.registry import ESTIMATORS
+from quietfix.systems.starts.bearing_start import BearingStart
 from tests.laws.cases import BEARINGS_ONLY
 from tests.laws.rig import PORTS, assert_same, make, run, textbook, with_gaps
 

@@ -6,13 +6,13 @@ import pkgutil
 
 import pytest
 
-import systems
-from systems.estimators.base import Estimator
-from systems.filters.gaussian import GaussianFilter
-from systems.measurement.base import MeasurementModel
-from systems.measurement.stack import Stack
-from systems.motion.base import MotionModel
-from systems.registry import ESTIMATORS
+import quietfix.systems
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.registry import ESTIMATORS
 from tests.laws.cases import BEARINGS_ONLY, FILTERS, MEASUREMENTS, MOTIONS, OWN_SENSOR, SAMPLED, estimators
 from tests.laws.rig import make
 
@@ -35,9 +35,9 @@ def parts(model):
 @pytest.mark.parametrize(
     ("package", "base", "listed"),
     [
-        (systems, MeasurementModel, set().union(*(parts(model) for model, _ in MEASUREMENTS.values()))),
-        (systems, MotionModel, {type(model) for model, _ in MOTIONS.values()}),
-        (systems, GaussianFilter, {type(algorithm) for algorithm in FILTERS.values()}),
+        (quietfix.systems, MeasurementModel, set().union(*(parts(model) for model, _ in MEASUREMENTS.values()))),
+        (quietfix.systems, MotionModel, {type(model) for model, _ in MOTIONS.values()}),
+        (quietfix.systems, GaussianFilter, {type(algorithm) for algorithm in FILTERS.values()}),
     ],
     ids=["measurement", "motion", "filters"],
 )

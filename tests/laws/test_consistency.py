@@ -1,6 +1,6 @@
 """Truth that moves as the filter believes: errors are as large as the bound, and as the covariance says.
 
-The bound is written out here and shares nothing with `diagrams.statistics.bounds`: Tichavsky,
+The bound is written out here and shares nothing with `quietfix.diagrams.statistics.bounds`: Tichavsky,
 Muravchik and Nehorai, *Posterior Cramer-Rao bounds for discrete-time nonlinear filtering*, IEEE Trans. Signal
 Processing 46 (1998) 1386-1396, for linear motion, along each trial's own truth.
 """

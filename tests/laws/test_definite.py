@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from systems.filters.whitening import Whitener
-from systems.measurement.stack import Stack
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.starts.known_height_start import KnownHeightStart
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.starts.known_height_start import KnownHeightStart
 from tests.laws.cases import FILTERS, PASS, PLACES, fdoa, phase, place, satellites, tdoa
 from tests.laws.exact import exact_update
 from tests.laws.rig import Linear

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from systems.constants import EARTH_RATE, SPEED_OF_LIGHT
-from systems.geometry.light_time import arrival, in_orbit
-from systems.trajectories.gravity import GravityConstants
+from quietfix.systems.constants import EARTH_RATE, SPEED_OF_LIGHT
+from quietfix.systems.geometry.light_time import arrival, in_orbit
+from quietfix.systems.trajectories.gravity import GravityConstants
 from tests.laws.cases import CARRIER, EARTH_FIXED, PASS, fdoa, place, satellites, tdoa
 
 C = np.longdouble(SPEED_OF_LIGHT)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from systems.clocks import Periodic
-from systems.estimators.kalman import KalmanEstimator
-from systems.filters.whitening import Whitener
-from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
-from systems.starts.start import GivenStart
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
+from quietfix.systems.starts.start import GivenStart
 from tests.laws.cases import FILTERS, estimators
 from tests.laws.rig import Linear, make, run, textbook
 

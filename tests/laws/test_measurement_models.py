@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from systems.measurement.stack import Stack
+from quietfix.systems.measurement.stack import Stack
 from tests.laws.cases import GEOMETRIES, MEASUREMENTS
 
 pytestmark = pytest.mark.parametrize("name", MEASUREMENTS)

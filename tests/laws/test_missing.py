@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from systems.filters.whitening import Whitener
-from systems.measurement.altitude import Altitude
-from systems.measurement.stack import Stack
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.stack import Stack
 from tests.laws.cases import FILTERS, estimators, fdoa, phase, tdoa
 from tests.laws.rig import PORTS, Scene
 

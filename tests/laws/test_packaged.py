@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from systems.counting import counting
-from systems.measurement.altitude import Altitude
-from systems.plants.model_plant import ModelPlant
-from systems.sensors.sensor import Sensor
+from quietfix.systems.counting import counting
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.plants.model_plant import ModelPlant
+from quietfix.systems.sensors.sensor import Sensor
 from tests.laws.packaged import Packaged
 
 SHORT = {"duration_s": 25}

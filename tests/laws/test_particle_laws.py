@@ -6,9 +6,9 @@ Their draws are a function of the trial's number, so that a trial alone has to b
 import numpy as np
 import pytest
 
-from systems.options.pf import Pf
-from systems.options.pf_sir import PfSir
-from systems.starts.start import GivenStart
+from quietfix.systems.options.pf import Pf
+from quietfix.systems.options.pf_sir import PfSir
+from quietfix.systems.starts.start import GivenStart
 from tests.laws.cases import SAMPLED
 from tests.laws.rig import PORTS, Scene, assert_same, make, run, with_gaps
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from systems.angles.relative_kinematics import ROWS
-from systems.clocks import Periodic
-from systems.estimators.wiring import Wiring
-from systems.motion.orbital import OrbitalMotion
-from systems.registry import ESTIMATORS, object_at
-from systems.starts.start import GivenStart
+from quietfix.systems.angles.relative_kinematics import ROWS
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.motion.orbital import OrbitalMotion
+from quietfix.systems.registry import ESTIMATORS, object_at
+from quietfix.systems.starts.start import GivenStart
 from tests.laws.cases import OWN_SENSOR
 from tests.laws.rig import PORTS, assert_same, run, with_gaps
 from tests.systems.ranging_scene import EARTH, PRIOR, TARGET, measurements, sensor

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from diagrams.schema.errors import UserError
-from diagrams.statistics.score import Score
-from systems.clocks import Periodic
-from systems.estimators.wiring import Wiring
-from systems.measurement.altitude import Altitude
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.options.ekf import Ekf
-from systems.plants.emitter import StraightLine
-from systems.plants.orbit import DenseOrbit
-from systems.recorder import Recorder
-from systems.signals import leaf_systems
-from systems.starts.start import GivenStart
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.score import Score
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.options.ekf import Ekf
+from quietfix.systems.plants.emitter import StraightLine
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.recorder import Recorder
+from quietfix.systems.signals import leaf_systems
+from quietfix.systems.starts.start import GivenStart
 from tests.laws.cases import PLACES, place
 from tests.laws.packaged import EVERYTHING, Packaged
 
@@ -24,8 +24,8 @@ CLOCK = Periodic(1.0)
 ALLOWED = (Recorder, Score)
 
 
-PLANTS = ("systems.plants", "systems.signal_chain.transmitter", "systems.playback.track_")
-SENSORS = ("systems.sensors", "systems.signal_chain")
+PLANTS = ("quietfix.systems.plants", "quietfix.systems.signal_chain.transmitter", "quietfix.systems.playback.track_")
+SENSORS = ("quietfix.systems.sensors", "quietfix.systems.signal_chain")
 
 
 def is_truth(block):

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from diagrams import run_study
-from diagrams.assembly.find import find
-from diagrams.own.writing import write_measurements
+from quietfix.diagrams import run_study
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.own.writing import write_measurements
 
 DRONE = Path(__file__).parents[1] / "own" / "drone.yaml"
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import run_study
-from diagrams.assembly.find import find
-from diagrams.live.session import Session
-from diagrams.own.fields.measurements import Measurements
-from diagrams.own.writing import write_measurements
-from diagrams.writers.estimates import estimate_columns
+from quietfix.diagrams import run_study
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.live.session import Session
+from quietfix.diagrams.own.fields.measurements import Measurements
+from quietfix.diagrams.own.writing import write_measurements
+from quietfix.diagrams.writers.estimates import estimate_columns
 
 DRONE = Path(__file__).parents[1] / "own" / "drone.yaml"
 STATES = ("x_m", "y_m", "z_m", "vx_mps", "vy_mps", "vz_mps")
@@ -262,7 +262,7 @@ def test_a_long_gap_is_believed_when_a_second_row_says_so(rows, capsys):
 
 
 def test_targets_without_end_fill_no_memory(monkeypatch):
-    monkeypatch.setattr("diagrams.live.session.MOST_TARGETS", 5)
+    monkeypatch.setattr("quietfix.diagrams.live.session.MOST_TARGETS", 5)
     told, session = play([{**GOOD, "target": f"t{i}"} for i in range(12)])
     assert len(session.tracks) == 5 and session.given_up == 7
     assert len(told) == 12  # those that were given up are told first

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams.assembly.find import find
-from diagrams.live.session import Session
-from diagrams.own.fields.measurements import Measurements
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.live.session import Session
+from quietfix.diagrams.own.fields.measurements import Measurements
 
 DRONE = Path(__file__).parents[1] / "own" / "drone.yaml"
 SECONDS = 3600

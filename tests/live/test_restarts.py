@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from diagrams.assembly.find import find
-from diagrams.commands.command_line import app
-from diagrams.live.session import Session
-from diagrams.live.sources import Datagrams, Followed, Splitter, StandardInput
-from diagrams.live.state_file import digest_of, read_state, restore, write_state
-from diagrams.own.fields.measurements import Measurements
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.commands.command_line import app
+from quietfix.diagrams.live.session import Session
+from quietfix.diagrams.live.sources import Datagrams, Followed, Splitter, StandardInput
+from quietfix.diagrams.live.state_file import digest_of, read_state, restore, write_state
+from quietfix.diagrams.own.fields.measurements import Measurements
+from quietfix.diagrams.schema.errors import UserError
 from tests.interrupts import listening
 
 PROJECT = Path(__file__).parents[2]
@@ -291,7 +291,9 @@ def test_a_signal_ends_it_with_its_state(rows, tmp_path, monkeypatch, number):
     handlers = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)]
     for part in (rows[:80], rows[80:]):
         lines = [json.dumps(row).encode() for row in part]
-        monkeypatch.setattr("diagrams.live.command.StandardInput", lambda lines=lines: Interrupted(lines, number))
+        monkeypatch.setattr(
+            "quietfix.diagrams.live.command.StandardInput", lambda lines=lines: Interrupted(lines, number)
+        )
         run = CliRunner().invoke(app, ["live", str(DRONE), "--estimator", "ekf", "--state", str(state)])
         assert run.exit_code == 130 or isinstance(run.exception, KeyboardInterrupt)
         told += run.stdout.splitlines()
@@ -313,7 +315,7 @@ def straight(rows):
 def test_standard_input_to_its_end(rows, tmp_path, monkeypatch):
     (tmp_path / "in").write_text("".join(json.dumps(row) + "\n" for row in rows) + '{"time_s": 3')
     with (tmp_path / "in").open("rb") as file:
-        monkeypatch.setattr("diagrams.live.command.StandardInput", lambda: StandardInput(file.fileno()))
+        monkeypatch.setattr("quietfix.diagrams.live.command.StandardInput", lambda: StandardInput(file.fileno()))
         run = CliRunner().invoke(app, ["live", str(DRONE), "-", "--estimator", "ekf", "--state", str(tmp_path / "s")])
     assert run.exit_code == 0, run.output
     assert by_tick(run.stdout.splitlines()) == straight(rows)

@@ -4,26 +4,26 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from diagrams import System
-from diagrams.assembly.model import Assumed, Model
-from diagrams.parts.movers import Platforms
-from diagrams.parts.sensing import TargetSensor
-from systems.angles.bearing import Bearing
-from systems.clocks import Merged, Periodic
-from systems.measurement.component import Component
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.motion.constant_velocity import WhiteNoiseAcceleration
-from systems.options.ekf import Ekf
-from systems.options.iekf import Iekf
-from systems.options.ukf import Ukf
-from systems.plants.joined import Joined
-from systems.plants.path import Path
-from systems.registry import estimator_options
-from systems.sensors.prior import PriorEstimate
-from systems.signals import Constant
-from systems.starts.start import PortStart
-from systems.trajectories.waypoints import WaypointPath
+from quietfix.diagrams import System
+from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.parts.movers import Platforms
+from quietfix.diagrams.parts.sensing import TargetSensor
+from quietfix.systems.angles.bearing import Bearing
+from quietfix.systems.clocks import Merged, Periodic
+from quietfix.systems.measurement.component import Component
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
+from quietfix.systems.options.ekf import Ekf
+from quietfix.systems.options.iekf import Iekf
+from quietfix.systems.options.ukf import Ukf
+from quietfix.systems.plants.joined import Joined
+from quietfix.systems.plants.path import Path
+from quietfix.systems.registry import estimator_options
+from quietfix.systems.sensors.prior import PriorEstimate
+from quietfix.systems.signals import Constant
+from quietfix.systems.starts.start import PortStart
+from quietfix.systems.trajectories.waypoints import WaypointPath
 
 NAMES = ("alpha", "bravo", "charlie", "delta")
 PLACES = np.array([[-8e3, -5e3, 30], [9e3, -4e3, 120], [1e3, 9e3, 60], [0, 0, 5]])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from diagrams.schema.scenario import read_yaml
-from diagrams.studies.result_schema import SCHEMA_VERSION
-from diagrams.studies.results import open_result
+from quietfix.diagrams.schema.scenario import read_yaml
+from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
+from quietfix.diagrams.studies.results import open_result
 from tests.diagrams.test_command_line import in_process
 
 HERE = Path(__file__).parent

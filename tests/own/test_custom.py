@@ -6,21 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import run_study
-from diagrams.commands.new import new_files
-from diagrams.experiments.observability import observe
-from diagrams.schema.errors import UserError
-from systems.motion.constant_velocity import WhiteNoiseAcceleration
-from systems.motion.custom import CustomMotion
+from quietfix.diagrams import run_study
+from quietfix.diagrams.commands.new import new_files
+from quietfix.diagrams.experiments.observability import observe
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
+from quietfix.systems.motion.custom import CustomMotion
 from tests.diagrams.test_command_line import in_process
 
 MODULE = '''
 import numpy as np
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
-from systems.motion.base import MotionModel
-from systems.motion.constant_velocity import WhiteNoiseAcceleration
-from systems.signals import EnsembleBlock
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
+from quietfix.systems.signals import EnsembleBlock
 
 BEGIN = [-5e3, 2e3, 900, 40, 5, 0]
 
@@ -327,7 +327,7 @@ WRONG = [
     ("belief.motion", "Raises", r"Raises.propagate failed with KeyError: 'speed' \(own_things.py, line \d+\)"),
     ("belief.motion", "OtherNames", "OtherNames.names"),
     ("belief.motion", "NoPropagate", "lacks propagate"),
-    ("belief.motion", "Circle", "a subclass of systems.motion.base.MotionModel"),
+    ("belief.motion", "Circle", "a subclass of quietfix.systems.motion.base.MotionModel"),
     ("parts", "broken", r"parts.0: own_things:broken failed with ValueError: signal: nothing is not there"),
     ("parts", "BEGIN", "parts.0.class: own_things:BEGIN is not allowed; a function or a class"),
     ("parts", "Nothing", "parts.0.class: module own_things has no Nothing"),
@@ -359,7 +359,7 @@ def test_a_result_names_no_code_without_trust(capsys, folder, monkeypatch):
     text = (folder / "drone.yaml").read_text(encoding="utf-8")
     begin, end = text.index("target:"), text.index("sensors:")
     (folder / "mine.yaml").write_text(f"{text[:begin]}target: {custom('One')}\n{text[end:]}", encoding="utf-8")
-    monkeypatch.setattr("diagrams.commands.running._illustrate", lambda *arguments: None)
+    monkeypatch.setattr("quietfix.diagrams.commands.running._illustrate", lambda *arguments: None)
     short = ("--trials", "2", "--estimator", "ekf")
     assert in_process(capsys, "run", "mine.yaml", *short, "--set", "duration_s=5", "--out", "res")[0] == 0
     status, _, err = in_process(capsys, "run", "--from", "res", *short)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import run_study
+from quietfix.diagrams import run_study
 from tests.diagrams.test_command_line import in_process
 from tests.own.drone import DRONE
 

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from sgp4.api import Satrec
 
-from diagrams.paths.functions import path_of
-from diagrams.paths.movers import Gpx, Kepler, Oem, Sp3, Tle
-from diagrams.paths.records import Setting
-from diagrams.quantities.frame import EARTH_FIXED, INERTIAL
-from diagrams.readers.ccsds.oem import EphemerisMessage, EphemerisSegment
-from diagrams.readers.gpx import GpxTrack
-from diagrams.schema.errors import UserError
-from diagrams.writers.gpx import gpx_text
-from diagrams.writers.oem import oem_text
-from systems.earth.geodetic import ecef_to_geodetic
-from systems.earth.time_scales import from_tai, posix_of, to_tai
-from systems.plants.sp3 import read_sp3
-from systems.trajectories.gravity import GravityConstants
+from quietfix.diagrams.paths.functions import path_of
+from quietfix.diagrams.paths.movers import Gpx, Kepler, Oem, Sp3, Tle
+from quietfix.diagrams.paths.records import Setting
+from quietfix.diagrams.quantities.frame import EARTH_FIXED, INERTIAL
+from quietfix.diagrams.readers.ccsds.oem import EphemerisMessage, EphemerisSegment
+from quietfix.diagrams.readers.gpx import GpxTrack
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.writers.gpx import gpx_text
+from quietfix.diagrams.writers.oem import oem_text
+from quietfix.systems.earth.geodetic import ecef_to_geodetic
+from quietfix.systems.earth.time_scales import from_tai, posix_of, to_tai
+from quietfix.systems.plants.sp3 import read_sp3
+from quietfix.systems.trajectories.gravity import GravityConstants
 
 CONSTANTS = GravityConstants()
 START = "2000-06-27T18:50:19.733568Z"

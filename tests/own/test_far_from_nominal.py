@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from diagrams import run_study
+from quietfix.diagrams import run_study
 
 SHIP = str(Path(__file__).parent / "ship.yaml")
 ESTIMATORS = "estimators: {ukf: !Ukf {}, iekf: !Iekf {}}\n"

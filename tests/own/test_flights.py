@@ -8,17 +8,17 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.own.system import own_system
-from diagrams.paths.functions import path_of
-from diagrams.paths.movers import GreatCircle, Rocket, Waypoints
-from diagrams.paths.records import Setting
-from diagrams.schema.errors import UserError
-from diagrams.schema.scenario import load, read_yaml
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.earth.geodetic import ecef_to_geodetic, enu_rotation
-from systems.recorder import record
-from systems.signals import Draw, set_draw
-from systems.trajectories.gravity import GravityConstants
+from quietfix.diagrams.own.system import own_system
+from quietfix.diagrams.paths.functions import path_of
+from quietfix.diagrams.paths.movers import GreatCircle, Rocket, Waypoints
+from quietfix.diagrams.paths.records import Setting
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.scenario import load, read_yaml
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
+from quietfix.systems.recorder import record
+from quietfix.systems.signals import Draw, set_draw
+from quietfix.systems.trajectories.gravity import GravityConstants
 
 HERE = Path(__file__).parent
 CONSTANTS = GravityConstants()

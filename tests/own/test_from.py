@@ -8,16 +8,16 @@ import warnings
 import pytest
 import xarray as xr
 
-from diagrams.commands.new import new_files
-from diagrams.schema.errors import UserError
-from diagrams.studies.marker import MARKER
-from diagrams.studies.output import OutputFolder
-from diagrams.studies.rerun import ask_again
-from diagrams.studies.study import Study
+from quietfix.diagrams.commands.new import new_files
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.marker import MARKER
+from quietfix.diagrams.studies.output import OutputFolder
+from quietfix.diagrams.studies.rerun import ask_again
+from quietfix.diagrams.studies.study import Study
 
 TRACK = "time_s,x_m,y_m,z_m\n0,1,2,3\n200,5,6,7\n"
 MODULE = """
-from systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.altitude import Altitude
 
 class Height(Altitude):
     def __init__(self):

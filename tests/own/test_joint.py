@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import run_study
-from diagrams.own.system import own_system
-from diagrams.paths.functions import paths_of
-from diagrams.paths.records import Setting
-from diagrams.schema.errors import UserError
-from systems.trajectories.gravity import GravityConstants
+from quietfix.diagrams import run_study
+from quietfix.diagrams.own.system import own_system
+from quietfix.diagrams.paths.functions import paths_of
+from quietfix.diagrams.paths.records import Setting
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.trajectories.gravity import GravityConstants
 
 HERE = Path(__file__).parent
 FILE = HERE / "three_satellite.yaml"

@@ -6,16 +6,16 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft202012Validator
 
-import diagrams
-from diagrams.assembly.find import systems
-from diagrams.commands.command_line import main
-from diagrams.commands.json_schema import schema_text
-from diagrams.own.fields.schema import OwnScenario
-from diagrams.schema.errors import UserError
-from diagrams.schema.scenario import load, read_yaml
+import quietfix.diagrams
+from quietfix.diagrams.assembly.find import systems
+from quietfix.diagrams.commands.command_line import main
+from quietfix.diagrams.commands.json_schema import schema_text
+from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.scenario import load, read_yaml
 
 OWN = sorted(path for path in Path(__file__).parent.glob("*.yaml") if ".requirements" not in path.suffixes)
-PACKAGED = sorted((Path(diagrams.__file__).parent / "library" / "scenarios").glob("*.yaml"))
+PACKAGED = sorted((Path(quietfix.diagrams.__file__).parent / "library" / "scenarios").glob("*.yaml"))
 
 
 def untagged(data):

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import run_study
-from diagrams.commands.mapping import bound_maps
-from diagrams.maps.bounds import map_bounds
-from diagrams.own.system import own_system
-from diagrams.schema.errors import UserError
-from systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef
+from quietfix.diagrams import run_study
+from quietfix.diagrams.commands.mapping import bound_maps
+from quietfix.diagrams.maps.bounds import map_bounds
+from quietfix.diagrams.own.system import own_system
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef
 
 HERE = Path(__file__).parent
 SHORT = {"drone.yaml": ["duration_s=12"], "geostationary.yaml": ["duration_s=20"], "three_satellite.yaml": []}

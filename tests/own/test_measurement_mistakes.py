@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams.assembly.find import find
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.schema.errors import UserError
 
 DRONE = Path(__file__).parent / "drone.yaml"
 HEAD = "time_s,kind,receiver,reference,value,unit,sigma"

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from diagrams import run_study
-from diagrams.assembly.find import find
-from diagrams.commands.command_line import app
-from diagrams.own.writing import write_measurements, write_truth
-from diagrams.schema.errors import UserError
-from diagrams.studies.results import open_result
+from quietfix.diagrams import run_study
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.commands.command_line import app
+from quietfix.diagrams.own.writing import write_measurements, write_truth
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.results import open_result
 
 DRONE = Path(__file__).parent / "drone.yaml"
 FEW = {"duration_s": 30}

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import run_study
+from quietfix.diagrams import run_study
 from tests.own.by_hand import SYSTEMS, gradient, moved
 
 FILE = str(Path(__file__).parent / "drone.yaml")

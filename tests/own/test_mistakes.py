@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from diagrams.commands.new import new_files
+from quietfix.diagrams.commands.new import new_files
 from tests.diagrams.test_command_line import in_process
 
 DRONE = new_files("drone")["drone.yaml"]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from sgp4.api import Satrec
 
-from diagrams.own.system import own_system
-from diagrams.paths.functions import ALLOWED, path_of
-from diagrams.paths.movers import (
+from quietfix.diagrams.own.system import own_system
+from quietfix.diagrams.paths.functions import ALLOWED, path_of
+from quietfix.diagrams.paths.movers import (
     Fixed,
     Geodetic,
     GreatCircle,
@@ -22,15 +22,15 @@ from diagrams.paths.movers import (
     Track,
     Waypoints,
 )
-from diagrams.paths.records import Setting, old_elements
-from diagrams.readers.instants import instant
-from diagrams.schema.errors import UserError
-from diagrams.schema.scenario import load, read_yaml
-from systems.constants import EARTH_RATE
-from systems.earth.geodetic import ecef_to_geodetic
-from systems.plants.sp3 import read_sp3
-from systems.plants.sp3_records import in_utc
-from systems.trajectories.gravity import GravityConstants
+from quietfix.diagrams.paths.records import Setting, old_elements
+from quietfix.diagrams.readers.instants import instant
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.scenario import load, read_yaml
+from quietfix.systems.constants import EARTH_RATE
+from quietfix.systems.earth.geodetic import ecef_to_geodetic
+from quietfix.systems.plants.sp3 import read_sp3
+from quietfix.systems.plants.sp3_records import in_utc
+from quietfix.systems.trajectories.gravity import GravityConstants
 
 HERE = Path(__file__).parent
 CONSTANTS = GravityConstants()

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from diagrams import run_study
-from diagrams.schema.errors import UserError
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.earth.geodetic import geodetic_to_ecef
-from systems.trajectories.kepler import KeplerElements, state_of
+from quietfix.diagrams import run_study
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.earth.geodetic import geodetic_to_ecef
+from quietfix.systems.trajectories.kepler import KeplerElements, state_of
 
 HERE = Path(__file__).parent
 FILES = sorted(path.name for path in HERE.glob("*.yaml") if not path.name.endswith(".requirements.yaml"))
@@ -91,7 +91,7 @@ def test_short_files_are_short():
 def test_thirteen_lines_to_a_table(record_property):
     """From the command to its table, Python's own start included; the time is in the JUnit record, and printed."""
     began = time.monotonic()
-    command = [sys.executable, "-m", "diagrams", "run", str(HERE / "altitude.yaml")]
+    command = [sys.executable, "-m", "quietfix", "run", str(HERE / "altitude.yaml")]
     found = subprocess.run(command, capture_output=True, text=True, check=True, cwd=HERE.parents[1])
     seconds = time.monotonic() - began
     record_property("seconds", f"{seconds:.2f}")

@@ -7,10 +7,10 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.own.system import own_system
-from diagrams.schema.errors import UserError
-from diagrams.schema.scenario import load, read_yaml
-from systems.signals import Draw, set_draw
+from quietfix.diagrams.own.system import own_system
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.scenario import load, read_yaml
+from quietfix.systems.signals import Draw, set_draw
 from tests.diagrams.test_command_line import in_process
 
 HERE = Path(__file__).parent
@@ -67,7 +67,7 @@ def nees(error, covariance):
 
 MODEL = """\
 import numpy as np
-from systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.base import MeasurementModel
 
 
 class Ranges(MeasurementModel):

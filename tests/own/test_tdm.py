@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from diagrams import run_study
-from diagrams.assembly.find import find
-from diagrams.commands.running import _write_message
-from diagrams.own.messages import write_message
-from diagrams.own.writing import write_measurements
-from diagrams.schema.errors import UserError
+from quietfix.diagrams import run_study
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.commands.running import _write_message
+from quietfix.diagrams.own.messages import write_message
+from quietfix.diagrams.own.writing import write_measurements
+from quietfix.diagrams.schema.errors import UserError
 
 SYSTEM = """frame: earth_fixed
 start_utc: 2016-12-31T23:59:50.5Z

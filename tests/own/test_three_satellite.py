@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import run_study
+from quietfix.diagrams import run_study
 
 FILE = str(Path(__file__).parent / "three_satellite.yaml")
 SENSOR = "sensors.sensor"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.errors import UserError
 
 
 def said(read, path, content):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.path import Path
 
-from diagrams.writers.geojson import EstimatedTrack, geojson_text, horizontal
-from systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+from quietfix.diagrams.writers.geojson import EstimatedTrack, geojson_text, horizontal
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 
 PLACES = [(48.0, 11.0), (0.0, 180.0), (10.0, -179.9999), (-60.0, 179.99)]
 PLACES += [(89.9999, 30.0), (90.0, 0.0), (-89.97, 180.0), (89.9, -90.0)]

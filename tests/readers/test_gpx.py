@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from diagrams.readers.gpx import read_gpx
-from diagrams.writers.gpx import gpx_text
-from systems.earth.time_scales import to_tai
+from quietfix.diagrams.readers.gpx import read_gpx
+from quietfix.diagrams.writers.gpx import gpx_text
+from quietfix.systems.earth.time_scales import to_tai
 from tests.readers.spoiling import refused_or_read, said
 
 GPX = """<?xml version="1.0" encoding="UTF-8"?>
@@ -123,7 +123,7 @@ def test_what_cannot_be_written():
 
 
 def replaced(name):
-    from diagrams.readers.gpx import GpxTrack
+    from quietfix.diagrams.readers.gpx import GpxTrack
 
     one = np.zeros(1)
     return GpxTrack(name, np.array([10**9]), one, one, one, one, one, np.zeros(1, dtype=np.int64))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from diagrams.readers.ccsds.oem import read_oem
-from diagrams.writers.oem import oem_text
-from systems.earth.time_scales import to_tai
+from quietfix.diagrams.readers.ccsds.oem import read_oem
+from quietfix.diagrams.writers.oem import oem_text
+from quietfix.systems.earth.time_scales import to_tai
 from tests.readers import oem_examples
 from tests.readers.spoiling import refused_or_read, said
 

@@ -5,18 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import run_study
-from diagrams.assembly.find import find
-from diagrams.paths.functions import path_of
-from diagrams.paths.movers import Geodetic, Platform, Track
-from diagrams.paths.records import Setting
-from diagrams.paths.tables import doubtful_table, platforms_of
-from diagrams.quantities.frame import EARTH_FIXED, INERTIAL, LOCAL
-from diagrams.readers.platforms import read_platforms
-from diagrams.schema.errors import UserError
-from diagrams.studies.recordings import with_platforms
-from systems.earth.time_scales import to_tai
-from systems.trajectories.gravity import GravityConstants
+from quietfix.diagrams import run_study
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.paths.functions import path_of
+from quietfix.diagrams.paths.movers import Geodetic, Platform, Track
+from quietfix.diagrams.paths.records import Setting
+from quietfix.diagrams.paths.tables import doubtful_table, platforms_of
+from quietfix.diagrams.quantities.frame import EARTH_FIXED, INERTIAL, LOCAL
+from quietfix.diagrams.readers.platforms import read_platforms
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.recordings import with_platforms
+from quietfix.systems.earth.time_scales import to_tai
+from quietfix.systems.trajectories.gravity import GravityConstants
 from tests.readers.spoiling import refused_or_read, said
 
 STANDING = "name,latitude_deg,longitude_deg,height_m\nnorth,48.5,11,500\n17,-48.25,-170.5,0\n"

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from diagrams.readers.ccsds.tdm import read_tdm
-from diagrams.readers.ccsds.tdm_observations import message_of, observations
-from diagrams.schema.errors import UserError
-from diagrams.writers.tdm import tdm_text
-from systems.earth.time_scales import from_tai, to_tai
+from quietfix.diagrams.readers.ccsds.tdm import read_tdm
+from quietfix.diagrams.readers.ccsds.tdm_observations import message_of, observations
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.writers.tdm import tdm_text
+from quietfix.systems.earth.time_scales import from_tai, to_tai
 from tests.readers import tdm_examples
 from tests.readers.spoiling import refused_or_read, said
 

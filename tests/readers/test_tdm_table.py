@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from diagrams.readers.ccsds.tdm_table import tdm_measurements
-from diagrams.readers.measurements import read_measurements
-from diagrams.schema.errors import UserError
-from diagrams.writers.tdm import tdm_text
-from diagrams.writers.tdm_table import message_of_table
-from systems.earth.time_scales import to_tai
+from quietfix.diagrams.readers.ccsds.tdm_table import tdm_measurements
+from quietfix.diagrams.readers.measurements import read_measurements
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.writers.tdm import tdm_text
+from quietfix.diagrams.writers.tdm_table import message_of_table
+from quietfix.systems.earth.time_scales import to_tai
 from tests.readers import tdm_examples
 
 HEADER = {"CREATION_DATE": "2026-01-01T00:00:00", "ORIGINATOR": "ME"}

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.earth.geodetic import geodetic_state
-from systems.plants.orbit import DenseOrbit
-from systems.trajectories.gravity import GravityConstants
-from systems.trajectories.kepler import KeplerElements, state_of
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.earth.geodetic import geodetic_state
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.trajectories.gravity import GravityConstants
+from quietfix.systems.trajectories.kepler import KeplerElements, state_of
 
 CARRIER = 3e9
 CONSTANTS = GravityConstants()

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from systems.iq.block import IqBlock
-from systems.iq.modulation import Qpsk
+from quietfix.systems.iq.block import IqBlock
+from quietfix.systems.iq.modulation import Qpsk
 
 RATE, SYMBOLS, ROLL_OFF = 4e6, 2e6, 0.25
 CARRIER = 3e9

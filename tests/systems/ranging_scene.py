@@ -5,10 +5,10 @@ from functools import lru_cache
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from systems.angles.relative_kinematics import ROWS, RelativeKinematics
-from systems.plants.orbit import derivative
-from systems.trajectories.gravity import GravityConstants
-from systems.trajectories.kepler import KeplerElements, mean_motion, state_of
+from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics
+from quietfix.systems.plants.orbit import derivative
+from quietfix.systems.trajectories.gravity import GravityConstants
+from quietfix.systems.trajectories.kepler import KeplerElements, mean_motion, state_of
 
 EARTH = GravityConstants(mu=3.986004415e14, radius=6378136.0, j2=1.0826261e-3)
 SIGMAS = np.array([1e-3, 1e-3, 1e-5, 1e-5, 10.0, 0.05])

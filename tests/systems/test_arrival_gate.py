@@ -5,19 +5,19 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.geodetic import geodetic_state
-from systems.estimators.arrival_gate import KEPT, REFUSED, ArrivalGate, without_receivers
-from systems.estimators.wiring import Wiring
-from systems.fixes.snapshot import snapshot_fix, starts_around
-from systems.measurement.altitude import Altitude
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.motion.constant_velocity import WhiteNoiseAcceleration
-from systems.options.iekf import Iekf
-from systems.recorder import record
-from systems.sensors.recorded import RecordedMeasurements, Recording
-from systems.starts.snapshot_start import SnapshotStart
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.geodetic import geodetic_state
+from quietfix.systems.estimators.arrival_gate import KEPT, REFUSED, ArrivalGate, without_receivers
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.fixes.snapshot import snapshot_fix, starts_around
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
+from quietfix.systems.options.iekf import Iekf
+from quietfix.systems.recorder import record
+from quietfix.systems.sensors.recorded import RecordedMeasurements, Recording
+from quietfix.systems.starts.snapshot_start import SnapshotStart
 
 C = SPEED_OF_LIGHT
 TDOA = Tdoa(40.0 / C, (1, 2, 3, 4), correlated=True)

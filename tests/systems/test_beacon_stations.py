@@ -7,16 +7,16 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.clocks import Periodic
-from systems.geometry.visibility import SphericalMask
-from systems.measurement.range_rate import RangeRate, common_part
-from systems.plants.joined import Joined
-from systems.plants.mode_schedule import ModeSchedule
-from systems.plants.oscillator import BiasLaw, OscillatorBias
-from systems.recorder import record
-from systems.sensors.beacon import BeaconStations
-from systems.sensors.offset_prior import OffsetPrior
-from systems.signals import Constant, Draw, set_draw
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.geometry.visibility import SphericalMask
+from quietfix.systems.measurement.range_rate import RangeRate, common_part
+from quietfix.systems.plants.joined import Joined
+from quietfix.systems.plants.mode_schedule import ModeSchedule
+from quietfix.systems.plants.oscillator import BiasLaw, OscillatorBias
+from quietfix.systems.recorder import record
+from quietfix.systems.sensors.beacon import BeaconStations
+from quietfix.systems.sensors.offset_prior import OffsetPrior
+from quietfix.systems.signals import Constant, Draw, set_draw
 
 CLOCK = Periodic(0.5)
 STATE = np.array([1e4, 5e4, -2e3, 800.0, 300.0, 10.0])

@@ -5,13 +5,13 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
-from systems.angles.bearing import Bearing, from_compass, to_compass
-from systems.estimators.range_parameterised import intervals
-from systems.fixes.bearing_likelihood import BearingHistory, QuadraticPrior, fold, maximum_likelihood
-from systems.fixes.crossing import Lines, crossing, crossing_covariance, crossing_sigma, instrumental_variable
-from systems.fixes.von_mises import concentration, robust_fix, von_mises_fix
-from systems.starts.bearing_start import BearingStart
-from systems.trajectories.waypoints import WaypointPath
+from quietfix.systems.angles.bearing import Bearing, from_compass, to_compass
+from quietfix.systems.estimators.range_parameterised import intervals
+from quietfix.systems.fixes.bearing_likelihood import BearingHistory, QuadraticPrior, fold, maximum_likelihood
+from quietfix.systems.fixes.crossing import Lines, crossing, crossing_covariance, crossing_sigma, instrumental_variable
+from quietfix.systems.fixes.von_mises import concentration, robust_fix, von_mises_fix
+from quietfix.systems.starts.bearing_start import BearingStart
+from quietfix.systems.trajectories.waypoints import WaypointPath
 
 DEGREE = np.radians(1.0)
 TARGET = np.array([10e3, 50e3])

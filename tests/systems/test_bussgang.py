@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from systems.ambiguity.differences import Window
-from systems.ambiguity.estimate import CrossAmbiguity
-from systems.ambiguity.prefilter import Matched
-from systems.ambiguity.variance import best, exact
-from systems.iq.block import IqBlock
-from systems.iq.bussgang import Quantiser
-from systems.iq.modulation import BandLimitedNoise
-from systems.iq.quantise import quantise
+from quietfix.systems.ambiguity.differences import Window
+from quietfix.systems.ambiguity.estimate import CrossAmbiguity
+from quietfix.systems.ambiguity.prefilter import Matched
+from quietfix.systems.ambiguity.variance import best, exact
+from quietfix.systems.iq.block import IqBlock
+from quietfix.systems.iq.bussgang import Quantiser
+from quietfix.systems.iq.modulation import BandLimitedNoise
+from quietfix.systems.iq.quantise import quantise
 
 RATE, GUARD, BAND = 4e6, 32, 2.5e6
 MATCHED = Matched(BandLimitedNoise(BAND, 0.25))

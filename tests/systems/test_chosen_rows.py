@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from systems.angles.phase import InterferometerPhase
-from systems.measurement.chosen import ChosenRows, only
-from systems.measurement.tdoa import Tdoa
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.measurement.chosen import ChosenRows, only
+from quietfix.systems.measurement.tdoa import Tdoa
 from tests.laws.cases import MEASUREMENTS
 
 PLACES = np.random.default_rng(2).normal(size=(5, 4, 6)) * 1e4

@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 
-from systems.clocks import Merged, Periodic, Times, same_instant
+from quietfix.systems.clocks import Merged, Periodic, Times, same_instant
 
 STAMPS = np.sort(np.random.default_rng(1).uniform(0, 30, 40))
 CLOCKS = {

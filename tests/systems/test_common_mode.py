@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from systems.filters.common_mode import CommonModeMonitor, common_mode_statistics
-from systems.filters.unscented import UnscentedKalman
-from systems.filters.whitening import Whitener
-from systems.measurement.range_rate import RangeRate
+from quietfix.systems.filters.common_mode import CommonModeMonitor, common_mode_statistics
+from quietfix.systems.filters.unscented import UnscentedKalman
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.measurement.range_rate import RangeRate
 
 SIGMA = 0.03
 

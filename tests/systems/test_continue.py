@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from systems.signals import Draw, set_draw
+from quietfix.systems.signals import Draw, set_draw
 from tests.laws.packaged import Packaged
 
 SETTINGS = {"truth.motion": "!RandomAcceleration {}"}

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from systems.ambiguity.coarse import ambiguity_grid, plan
-from systems.ambiguity.differences import Flag, Window
-from systems.ambiguity.estimate import CrossAmbiguity
-from systems.ambiguity.limits import check_duration, longest_duration
-from systems.ambiguity.phasor import phasor
-from systems.ambiguity.prefilter import Band, Everything, RootRaisedCosine
-from systems.ambiguity.surface import ambiguity_surface
-from systems.ambiguity.threshold import cells, confidence, right_cell_probability
-from systems.ambiguity.variance import best, effective_snr, exact, stein
-from systems.iq.block import IqBlock
+from quietfix.systems.ambiguity.coarse import ambiguity_grid, plan
+from quietfix.systems.ambiguity.differences import Flag, Window
+from quietfix.systems.ambiguity.estimate import CrossAmbiguity
+from quietfix.systems.ambiguity.limits import check_duration, longest_duration
+from quietfix.systems.ambiguity.phasor import phasor
+from quietfix.systems.ambiguity.prefilter import Band, Everything, RootRaisedCosine
+from quietfix.systems.ambiguity.surface import ambiguity_surface
+from quietfix.systems.ambiguity.threshold import cells, confidence, right_cell_probability
+from quietfix.systems.ambiguity.variance import best, effective_snr, exact, stein
+from quietfix.systems.iq.block import IqBlock
 from tests.systems.iq_scene import CARRIER, RATE, ROLL_OFF, SYMBOLS, pair
 
 MATCHED = RootRaisedCosine(SYMBOLS, ROLL_OFF)

@@ -6,21 +6,21 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.ambiguity.differences import Flag, Window
-from systems.ambiguity.estimate import CrossAmbiguity
-from systems.ambiguity.prefilter import RootRaisedCosine
-from systems.clocks import Periodic
-from systems.estimators.wiring import Wiring
-from systems.iq.block import IqBlock
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.motion.constant_velocity import WhiteNoiseAcceleration
-from systems.options.ekf import Ekf
-from systems.recorder import record
-from systems.signal_chain.cross_ambiguity import QUALITY, Aim, CrossAmbiguitySensor
-from systems.signals import Constant, EnsembleBlock
-from systems.starts.start import GivenStart
+from quietfix.systems.ambiguity.differences import Flag, Window
+from quietfix.systems.ambiguity.estimate import CrossAmbiguity
+from quietfix.systems.ambiguity.prefilter import RootRaisedCosine
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.iq.block import IqBlock
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
+from quietfix.systems.options.ekf import Ekf
+from quietfix.systems.recorder import record
+from quietfix.systems.signal_chain.cross_ambiguity import QUALITY, Aim, CrossAmbiguitySensor
+from quietfix.systems.signals import Constant, EnsembleBlock
+from quietfix.systems.starts.start import GivenStart
 from tests.systems.iq_scene import CARRIER, ROLL_OFF, SYMBOLS, pair
 
 CAF = CrossAmbiguity(prefilter=RootRaisedCosine(SYMBOLS, ROLL_OFF))

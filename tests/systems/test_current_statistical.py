@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad_vec
 
-from systems.motion.current_statistical import CurrentStatistical, singer_input, singer_noise, singer_transition
+from quietfix.systems.motion.current_statistical import (
+    CurrentStatistical,
+    singer_input,
+    singer_noise,
+    singer_transition,
+)
 
 ALPHA_T = np.geomspace(1e-6, 5.0, 29)
 LIMITS = [44.0, 14.0, 0.5], [-0.6, -9.7, -0.5]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from systems.angles.direction import Direction, DirectionCosines
-from systems.earth.frames import earth_fixed_to_inertial, nadir_frame
-from systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef
-from systems.fixes.ray_height import ray_at_height
+from quietfix.systems.angles.direction import Direction, DirectionCosines
+from quietfix.systems.earth.frames import earth_fixed_to_inertial, nadir_frame
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef
+from quietfix.systems.fixes.ray_height import ray_at_height
 from tests.laws.cases import PASS, place, satellites
 
 EAST = np.array([[7.078e6, 0.0, 0.0, 0.0, 7.0e3, 0.0]])

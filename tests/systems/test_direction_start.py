@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from systems.angles.direction import Direction, DirectionCosines
-from systems.filters.particle.weights import effective_size, normalise
-from systems.fixes.ray_height import ray_at_height
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.starts.direction_start import DirectionStart
+from quietfix.systems.angles.direction import Direction, DirectionCosines
+from quietfix.systems.filters.particle.weights import effective_size, normalise
+from quietfix.systems.fixes.ray_height import ray_at_height
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.starts.direction_start import DirectionStart
 from tests.laws.cases import CARRIER, PASS, place, satellites
 
 HEIGHT, VELOCITY = 3e3, 200.0

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from systems.earth.geodetic import course_speed, ecef_to_geodetic, geodetic_state
-from systems.plants.emitter import GreatCircle, StraightLine
-from systems.trajectories.great_circle import great_circle, straight_line
+from quietfix.systems.earth.geodetic import course_speed, ecef_to_geodetic, geodetic_state
+from quietfix.systems.plants.emitter import GreatCircle, StraightLine
+from quietfix.systems.trajectories.great_circle import great_circle, straight_line
 
 START = geodetic_state(
     np.radians([40.0, -75.0, 0.0, 89.9]), np.radians([10.0, 170.0, 0.0, 20.0]), 10e3,

@@ -5,12 +5,12 @@ import pytest
 from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.clocks import Merged, Periodic, Times
-from systems.estimators.kalman import KalmanEstimator
-from systems.filters.whitening import Whitener
-from systems.measurement.stack import Stack
-from systems.recorder import record
-from systems.signals import Draw, EnsembleBlock, set_draw
+from quietfix.systems.clocks import Merged, Periodic, Times
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.recorder import record
+from quietfix.systems.signals import Draw, EnsembleBlock, set_draw
 from tests.laws.cases import estimators, fdoa, phase, tdoa
 from tests.laws.rig import PORTS, Feed, Scene, make, run
 

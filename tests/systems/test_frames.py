@@ -4,8 +4,8 @@ import numpy as np
 import pymap3d
 import pytest
 
-from systems.constants import EARTH_RATE
-from systems.earth import frames, geodetic
+from quietfix.systems.constants import EARTH_RATE
+from quietfix.systems.earth import frames, geodetic
 
 RATE = EARTH_RATE
 RNG = np.random.default_rng(20240501)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from systems.plants.orbit import DenseOrbit
-from systems.trajectories import gravity
-from systems.trajectories.gravity import GravityConstants
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.trajectories import gravity
+from quietfix.systems.trajectories.gravity import GravityConstants
 
 EARTH = GravityConstants()
 RNG = np.random.default_rng(5)

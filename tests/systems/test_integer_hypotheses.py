@@ -6,35 +6,35 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.stats import multivariate_normal
 
-from diagrams.assembly.find import find
-from diagrams.assembly.lineup import select_estimators
-from diagrams.commands.catalogue import load_scenario
-from diagrams.library.models.three_satellite import models
-from diagrams.statistics.posterior_bound import posterior_bound
-from systems.angle_wrapping import wrap
-from systems.angles.phase import InterferometerPhase
-from systems.clocks import Periodic
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.geodetic import ecef_to_geodetic, geodetic_state
-from systems.estimators.kalman import KalmanEstimator
-from systems.estimators.memory import Epoch
-from systems.estimators.wiring import Wiring
-from systems.filters.hypotheses import branch, log_evidence, mixture, reweigh
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.fixes.delay_curve import delay_curve
-from systems.fixes.integer_hypotheses import integer_covariance, integer_hypotheses
-from systems.fixes.known_height import known_height_fix
-from systems.measurement.base import MeasurementModel
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.options.iekf_hypotheses import IekfHypotheses
-from systems.recorder import record
-from systems.signals import Draw, set_draw
-from systems.starts.hypotheses_start import HypothesesStart
-from systems.starts.known_height_start import KnownHeightStart
-from systems.starts.start import GivenStart
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.assembly.lineup import select_estimators
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.library.models.three_satellite import models
+from quietfix.diagrams.statistics.posterior_bound import posterior_bound
+from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_state
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.estimators.memory import Epoch
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.hypotheses import branch, log_evidence, mixture, reweigh
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.fixes.delay_curve import delay_curve
+from quietfix.systems.fixes.integer_hypotheses import integer_covariance, integer_hypotheses
+from quietfix.systems.fixes.known_height import known_height_fix
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.options.iekf_hypotheses import IekfHypotheses
+from quietfix.systems.recorder import record
+from quietfix.systems.signals import Draw, set_draw
+from quietfix.systems.starts.hypotheses_start import HypothesesStart
+from quietfix.systems.starts.known_height_start import KnownHeightStart
+from quietfix.systems.starts.start import GivenStart
 from tests.laws.cases import satellites
 
 RADIUS = 6378137.0

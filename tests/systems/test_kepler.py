@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from systems.plants.orbit import DenseOrbit
-from systems.trajectories.gravity import GravityConstants, energy
-from systems.trajectories.kepler import (
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.trajectories.gravity import GravityConstants, energy
+from quietfix.systems.trajectories.kepler import (
     KeplerElements,
     eccentric_anomaly,
     elements_of,

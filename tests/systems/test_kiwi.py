@@ -7,11 +7,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.clocks import Periodic
-from systems.iq.block import IqBlock
-from systems.iq.kiwi import GpsRecording, common_base, read_kiwi
-from systems.iq.resample import interpolate, resampled
-from systems.signal_chain.recorded_iq import RecordedIq
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.iq.block import IqBlock
+from quietfix.systems.iq.kiwi import GpsRecording, common_base, read_kiwi
+from quietfix.systems.iq.resample import interpolate, resampled
+from quietfix.systems.signal_chain.recorded_iq import RecordedIq
 
 RATE, START = 12001.06, 370358.25
 

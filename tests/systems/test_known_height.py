@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from systems.earth.geodetic import ecef_to_geodetic
-from systems.fixes.known_height import (
+from quietfix.systems.earth.geodetic import ecef_to_geodetic
+from quietfix.systems.fixes.known_height import (
     DegenerateFormationError,
     has_closed_form,
     known_height_covariance,
@@ -12,9 +12,9 @@ from systems.fixes.known_height import (
     position_per_velocity,
     wave_front_fix,
 )
-from systems.geometry.visibility import ElevationMask
-from systems.measurement.tdoa import Tdoa
-from systems.starts.known_height_start import KnownHeightStart
+from quietfix.systems.geometry.visibility import ElevationMask
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.starts.known_height_start import KnownHeightStart
 from tests.laws.cases import PASS, PLACES, place, satellites, six, tdoa
 
 MIDDLE = satellites(PASS / 2)[None]

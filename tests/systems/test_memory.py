@@ -15,12 +15,12 @@ import gc, sys, weakref
 from pathlib import Path
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from diagrams.assembly.find import find
-from diagrams.assembly.lineup import select_estimators
-from diagrams.commands.catalogue import load_scenario
-from diagrams.schema.errors import UserError
-from systems.recorder import record
-from systems.signals import Draw, leaf_systems, set_draw
+from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.assembly.lineup import select_estimators
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.recorder import record
+from quietfix.systems.signals import Draw, leaf_systems, set_draw
 
 def build(name="three_satellite", trials=20, settings=()):
     head, _, variant = name.partition(":")

@@ -5,13 +5,13 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.clocks import Periodic, Times
-from systems.linear_algebra import semidefinite_root
-from systems.motion.base import MotionModel
-from systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
-from systems.plants.model_plant import ModelPlant
-from systems.recorder import record
-from systems.signals import Draw, set_draw
+from quietfix.systems.clocks import Periodic, Times
+from quietfix.systems.linear_algebra import semidefinite_root
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
+from quietfix.systems.plants.model_plant import ModelPlant
+from quietfix.systems.recorder import record
+from quietfix.systems.signals import Draw, set_draw
 
 MEAN = np.array([6.4e6, -1e5, 2e5, 250.0, -120.0, 30.0])
 _A = np.random.default_rng(8).normal(size=(6, 6)) * np.array([1e3, 2e3, 500, 10, 20, 5])[:, None]

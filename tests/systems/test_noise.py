@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from systems.noise import normal, uniform
+from quietfix.systems.noise import normal, uniform
 
 
 def test_a_draw_depends_on_what_it_is_of_and_on_nothing_else():

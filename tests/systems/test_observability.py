@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from diagrams.statistics.fisher_information import information_roots, spectrum
-from diagrams.statistics.posterior_bound import posterior_bound
-from systems.angles.bearing import Bearing
-from systems.measurement.range_rate import RangeRate
-from systems.measurement.tdoa import Tdoa
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.motion.known_flight import KnownFlight
-from systems.motion.stationary import Stationary
+from quietfix.diagrams.statistics.fisher_information import information_roots, spectrum
+from quietfix.diagrams.statistics.posterior_bound import posterior_bound
+from quietfix.systems.angles.bearing import Bearing
+from quietfix.systems.measurement.range_rate import RangeRate
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.motion.known_flight import KnownFlight
+from quietfix.systems.motion.stationary import Stationary
 
 TIMES = np.arange(0.0, 200.0, 2.0)
 BEARING = Bearing(np.radians(0.1))

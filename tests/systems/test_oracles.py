@@ -5,11 +5,11 @@ import datetime
 import numpy as np
 import pytest
 
-from systems.constants import SPEED_OF_LIGHT
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.filters.unscented import UnscentedKalman
-from systems.filters.whitening import Whitener
-from systems.motion.constant_velocity import WhiteNoiseAcceleration
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.unscented import UnscentedKalman
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
 from tests.laws.cases import PLACES
 from tests.laws.rig import Linear, Scene
 

@@ -9,10 +9,10 @@ import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from scipy.integrate import solve_ivp
 
-from systems.earth.frames import acceleration_to_earth_fixed, inertial_to_earth_fixed
-from systems.plants.orbit import DenseOrbit, Orbit, derivative
-from systems.trajectories.gravity import GravityConstants, acceleration, energy
-from systems.trajectories.kepler import KeplerElements, mean_motion, state_of
+from quietfix.systems.earth.frames import acceleration_to_earth_fixed, inertial_to_earth_fixed
+from quietfix.systems.plants.orbit import DenseOrbit, Orbit, derivative
+from quietfix.systems.trajectories.gravity import GravityConstants, acceleration, energy
+from quietfix.systems.trajectories.kepler import KeplerElements, mean_motion, state_of
 
 EARTH = GravityConstants()
 OLD_DRAKE = tuple(int(n) for n in version("drake").split(".")[:2]) < (1, 58)
@@ -153,7 +153,7 @@ def test_the_number_of_python_calls_does_not_depend_on_the_trials(monkeypatch):
             count[0] += 1
             return derivative(*arguments)
 
-        monkeypatch.setattr("systems.plants.orbit.derivative", counted)
+        monkeypatch.setattr("quietfix.systems.plants.orbit.derivative", counted)
         run(Orbit(np.broadcast_to(TRI, (trials, 3, 6))), 10.0)
         calls[trials] = count[0]
     assert calls[1] == calls[50] > 0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from systems.fixes.orbit_plane import (
+from quietfix.systems.fixes.orbit_plane import (
     cluster_centre,
     common_plane,
     normal_of_pattern,
@@ -11,7 +11,7 @@ from systems.fixes.orbit_plane import (
     plane_normal,
     plane_pattern,
 )
-from systems.fixes.ranging import RangingEquation
+from quietfix.systems.fixes.ranging import RangingEquation
 from tests.systems.ranging_scene import EARTH, POLAR, TARGET, measurements
 
 

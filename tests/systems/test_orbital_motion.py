@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from systems.motion.orbital import OrbitalMotion
-from systems.trajectories.gravity import gradient, gradient_rate
+from quietfix.systems.motion.orbital import OrbitalMotion
+from quietfix.systems.trajectories.gravity import gradient, gradient_rate
 from tests.systems.ranging_scene import EARTH, TARGET, arc
 
 

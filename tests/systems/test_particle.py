@@ -5,22 +5,22 @@ import math
 import numpy as np
 import pytest
 
-from systems.clocks import Periodic
-from systems.filters.particle.draws import Draws
-from systems.filters.particle.health import LEAST_EVIDENCE, evidence, follow
-from systems.filters.particle.kernel import bandwidth, lost_spread, shrunk_kernel
-from systems.filters.particle.likelihood import Likelihood, Reading
-from systems.filters.particle.tempering import conditional_share, next_exponent
-from systems.filters.particle.update import Cloud, ParticleUpdate
-from systems.filters.particle.weights import effective_size, moments, normalise, unique_sorted
-from systems.filters.whitening import Whitener
-from systems.motion.constant_velocity import WhiteNoiseAcceleration
-from systems.motion.current_statistical import CurrentStatistical
-from systems.noise import many_normal
-from systems.options.ekf import Ekf
-from systems.options.pf import Pf
-from systems.options.pf_sir import PfSir
-from systems.starts.start import GivenStart
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.filters.particle.draws import Draws
+from quietfix.systems.filters.particle.health import LEAST_EVIDENCE, evidence, follow
+from quietfix.systems.filters.particle.kernel import bandwidth, lost_spread, shrunk_kernel
+from quietfix.systems.filters.particle.likelihood import Likelihood, Reading
+from quietfix.systems.filters.particle.tempering import conditional_share, next_exponent
+from quietfix.systems.filters.particle.update import Cloud, ParticleUpdate
+from quietfix.systems.filters.particle.weights import effective_size, moments, normalise, unique_sorted
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
+from quietfix.systems.motion.current_statistical import CurrentStatistical
+from quietfix.systems.noise import many_normal
+from quietfix.systems.options.ekf import Ekf
+from quietfix.systems.options.pf import Pf
+from quietfix.systems.options.pf_sir import PfSir
+from quietfix.systems.starts.start import GivenStart
 from tests.laws.rig import Linear, make, run, textbook
 
 # ------------------------------------------------------------------------------------------------------- parts

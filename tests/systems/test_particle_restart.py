@@ -5,15 +5,15 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.angles.direction import Direction
-from systems.clocks import Periodic
-from systems.measurement.stack import Stack
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.options.pf import Pf
-from systems.recorder import record
-from systems.signals import Draw, set_draw
-from systems.starts.direction_start import DirectionStart
-from systems.starts.prior_position_start import PriorPositionStart
+from quietfix.systems.angles.direction import Direction
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.options.pf import Pf
+from quietfix.systems.recorder import record
+from quietfix.systems.signals import Draw, set_draw
+from quietfix.systems.starts.direction_start import DirectionStart
+from quietfix.systems.starts.prior_position_start import PriorPositionStart
 from tests.laws.cases import PASS, fdoa, place, satellites, tdoa
 from tests.laws.rig import Feed, make
 

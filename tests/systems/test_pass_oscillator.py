@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.filters.robust import StudentRows
-from systems.filters.whitening import Whitener
-from systems.measurement.range_rate import RangeRate
-from systems.motion.pass_oscillator import PassOscillator
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.robust import StudentRows
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.measurement.range_rate import RangeRate
+from quietfix.systems.motion.pass_oscillator import PassOscillator
 
 SIGMAS = [1e3, 2.0, 0.01]
 

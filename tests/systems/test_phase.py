@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from systems.angle_wrapping import wrap
-from systems.angles.phase import InterferometerPhase, phase_angle
-from systems.constants import EARTH_RATE
+from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.angles.phase import InterferometerPhase, phase_angle
+from quietfix.systems.constants import EARTH_RATE
 from tests.laws.cases import PASS, WAVELENGTH, phase, place, satellites
 
 CYCLES = 3.0 / WAVELENGTH

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from systems.angle_wrapping import wrap
-from systems.angles.phase import InterferometerPhase
-from systems.estimators.phase_resolver import PhaseResolver, resolve
-from systems.measurement.stack import Stack
+from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.estimators.phase_resolver import PhaseResolver, resolve
+from quietfix.systems.measurement.stack import Stack
 from tests.laws.cases import PASS, PLACES, WAVELENGTH, fdoa, phase, place, satellites, tdoa
 from tests.laws.packaged import Packaged
 

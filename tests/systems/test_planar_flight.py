@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from systems.plants.recorded_flight import RecordedFlight
-from systems.trajectories.planar_flight import check_record, fit_planar_flight
+from quietfix.systems.plants.recorded_flight import RecordedFlight
+from quietfix.systems.trajectories.planar_flight import check_record, fit_planar_flight
 
 RADIUS = 6371e3
 CUT, LIGHT = 120.3, 128.0

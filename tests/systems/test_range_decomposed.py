@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from systems.angles.relative_kinematics import ROWS, RelativeKinematics
-from systems.clocks import Periodic
-from systems.estimators.wiring import Wiring
-from systems.fixes.orbit_plane import common_plane
-from systems.fixes.ranged_position import RangedPosition
-from systems.motion.orbital import OrbitalMotion
-from systems.options.range_decomposed import Ra, RangeDecomposed, RaPaper
-from systems.starts.start import GivenStart
+from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.fixes.orbit_plane import common_plane
+from quietfix.systems.fixes.ranged_position import RangedPosition
+from quietfix.systems.motion.orbital import OrbitalMotion
+from quietfix.systems.options.range_decomposed import Ra, RangeDecomposed, RaPaper
+from quietfix.systems.starts.start import GivenStart
 from tests.laws.rig import run
 from tests.systems.ranging_scene import EARTH, PRIOR, TARGET, measurements, sensor
 

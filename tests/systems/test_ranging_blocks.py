@@ -5,15 +5,15 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.clocks import Periodic, Times
-from systems.geometry.visibility import EarthOccultation
-from systems.plants.orbit import DenseOrbit
-from systems.sensors.platform_error import PlatformError
-from systems.sensors.preview import Preview
-from systems.sensors.prior import PriorEstimate
-from systems.sensors.ranging import Ranging
-from systems.sensors.sensor import Sensor
-from systems.signals import Constant, Draw, set_draw
+from quietfix.systems.clocks import Periodic, Times
+from quietfix.systems.geometry.visibility import EarthOccultation
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.sensors.platform_error import PlatformError
+from quietfix.systems.sensors.preview import Preview
+from quietfix.systems.sensors.prior import PriorEstimate
+from quietfix.systems.sensors.ranging import Ranging
+from quietfix.systems.sensors.sensor import Sensor
+from quietfix.systems.signals import Constant, Draw, set_draw
 from tests.systems.ranging_scene import EARTH, OBSERVER, PRIOR, SIGMAS, TARGET, arc, sensor
 
 CLOCK = Periodic(10.0)

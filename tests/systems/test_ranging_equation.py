@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from systems.angles.relative_kinematics import RelativeKinematics, sight_axes
-from systems.fixes.ranged_position import RangedPosition, ranging_equation
-from systems.fixes.ranging import RangingEquation
-from systems.trajectories.gravity import acceleration
+from quietfix.systems.angles.relative_kinematics import RelativeKinematics, sight_axes
+from quietfix.systems.fixes.ranged_position import RangedPosition, ranging_equation
+from quietfix.systems.fixes.ranging import RangingEquation
+from quietfix.systems.trajectories.gravity import acceleration
 from tests.systems.ranging_scene import EARTH, SIGMAS, TIMES, arc, measurements, sensor
 
 

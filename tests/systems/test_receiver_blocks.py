@@ -7,18 +7,18 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.clocks import Periodic
-from systems.geometry.visibility import ElevationMask
-from systems.iq.block import IqBlock
-from systems.iq.modulation import Qpsk
-from systems.iq.quantise import quantise
-from systems.iq.reception import delay_over, receive, straight, with_acceleration
-from systems.iq.waveform import Emission
-from systems.signal_chain.inter_satellite_link import InterSatelliteLink
-from systems.signal_chain.receiver import Receiver
-from systems.signal_chain.transmitter import Transmitter
-from systems.signals import Constant, Draw, set_draw
-from systems.trajectories.gravity import acceleration
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.geometry.visibility import ElevationMask
+from quietfix.systems.iq.block import IqBlock
+from quietfix.systems.iq.modulation import Qpsk
+from quietfix.systems.iq.quantise import quantise
+from quietfix.systems.iq.reception import delay_over, receive, straight, with_acceleration
+from quietfix.systems.iq.waveform import Emission
+from quietfix.systems.signal_chain.inter_satellite_link import InterSatelliteLink
+from quietfix.systems.signal_chain.receiver import Receiver
+from quietfix.systems.signal_chain.transmitter import Transmitter
+from quietfix.systems.signals import Constant, Draw, set_draw
+from quietfix.systems.trajectories.gravity import acceleration
 from tests.systems.dual_scene import CARRIER, CONSTANTS, scene
 
 HERE = scene(0.0)

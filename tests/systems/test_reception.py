@@ -3,14 +3,21 @@
 import numpy as np
 import pytest
 
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.frames import earth_fixed_to_inertial
-from systems.iq.modulation import Qpsk
-from systems.iq.reception import Trajectory, delay_over, propagation_delay, receive, straight, with_acceleration
-from systems.iq.waveform import Emission
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.tdoa import Tdoa
-from systems.trajectories.gravity import acceleration
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.frames import earth_fixed_to_inertial
+from quietfix.systems.iq.modulation import Qpsk
+from quietfix.systems.iq.reception import (
+    Trajectory,
+    delay_over,
+    propagation_delay,
+    receive,
+    straight,
+    with_acceleration,
+)
+from quietfix.systems.iq.waveform import Emission
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.trajectories.gravity import acceleration
 from tests.systems.dual_scene import CARRIER, CONSTANTS, TARGET, orbit, scene
 
 HALF = 0.0085

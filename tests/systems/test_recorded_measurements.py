@@ -5,21 +5,21 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.clocks import Times
-from systems.earth.geodetic import geodetic_state
-from systems.estimators.wiring import Wiring
-from systems.geometry.refractivity import mean_refractivity
-from systems.measurement.altitude import Altitude
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.motion.constant_velocity import WhiteNoiseAcceleration
-from systems.options.iekf import Iekf
-from systems.plants.emitter import StraightLine
-from systems.recorder import record
-from systems.sensors.recorded import RecordedMeasurements, Recording
-from systems.sensors.sensor import Sensor
-from systems.signals import Constant, Draw, set_draw
-from systems.starts.start import GivenStart
+from quietfix.systems.clocks import Times
+from quietfix.systems.earth.geodetic import geodetic_state
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.geometry.refractivity import mean_refractivity
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
+from quietfix.systems.options.iekf import Iekf
+from quietfix.systems.plants.emitter import StraightLine
+from quietfix.systems.recorder import record
+from quietfix.systems.sensors.recorded import RecordedMeasurements, Recording
+from quietfix.systems.sensors.sensor import Sensor
+from quietfix.systems.signals import Constant, Draw, set_draw
+from quietfix.systems.starts.start import GivenStart
 
 RNG = np.random.default_rng(4)
 STATIONS = geodetic_state(

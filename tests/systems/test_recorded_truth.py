@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from systems.plants.recorded import RecordedTruth, hermite
+from quietfix.systems.plants.recorded import RecordedTruth, hermite
 
 TIMES = np.array([2.0, 3.0, 4.5, 5.0, 8.0])
 COEFFICIENTS = np.random.default_rng(3).normal(size=(4, 2, 3))  # cubics: power, trial, axis

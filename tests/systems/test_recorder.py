@@ -6,9 +6,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from systems.clocks import Merged, Periodic, Times
-from systems.recorder import record
-from systems.signals import EnsembleBlock
+from quietfix.systems.clocks import Merged, Periodic, Times
+from quietfix.systems.recorder import record
+from quietfix.systems.signals import EnsembleBlock
 
 
 class Ramp(EnsembleBlock):

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from systems.angles.relative_kinematics import ROWS, RelativeKinematics, rows_of, sight_axes
-from systems.geometry.visibility import EarthOccultation
-from systems.measurement.stack import Stack
-from systems.trajectories.gravity import acceleration
+from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics, rows_of, sight_axes
+from quietfix.systems.geometry.visibility import EarthOccultation
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.trajectories.gravity import acceleration
 from tests.systems.ranging_scene import EARTH, SIGMAS, TIMES, arc, sensor
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from systems.filters.particle.resampling import SCHEMES, parents, residual, systematic
+from quietfix.systems.filters.particle.resampling import SCHEMES, parents, residual, systematic
 
 each_scheme = pytest.mark.parametrize("name", SCHEMES)
 

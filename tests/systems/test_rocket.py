@@ -9,12 +9,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.integrate import solve_ivp
 
-from diagrams.commands.catalogue import load_scenario
-from diagrams.parts.launch import rocket_model
-from systems.clocks import Periodic
-from systems.plants.rocket import Rocket
-from systems.recorder import record
-from systems.trajectories.rocket import LaunchSite, RocketModel, Stage
+from quietfix.diagrams.commands.catalogue import load_scenario
+from quietfix.diagrams.parts.launch import rocket_model
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.plants.rocket import Rocket
+from quietfix.systems.recorder import record
+from quietfix.systems.trajectories.rocket import LaunchSite, RocketModel, Stage
 
 
 @pytest.fixture(scope="module")

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.angles.direction import Direction
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.sensors.joined import JoinedMeasurements, JoinedPart
-from systems.signal_chain.search_window import SearchWindow, delay_doppler_spread, direction_belief
-from systems.signals import Constant
+from quietfix.systems.angles.direction import Direction
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.sensors.joined import JoinedMeasurements, JoinedPart
+from quietfix.systems.signal_chain.search_window import SearchWindow, delay_doppler_spread, direction_belief
+from quietfix.systems.signals import Constant
 from tests.systems.dual_scene import CARRIER, scene
 
 HERE = scene()

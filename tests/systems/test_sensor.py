@@ -5,12 +5,12 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.clocks import Periodic, Times
-from systems.earth.geodetic import vertical
-from systems.geometry.visibility import ElevationMask
-from systems.recorder import record
-from systems.sensors.sensor import Sensor
-from systems.signals import Constant, Draw, set_draw
+from quietfix.systems.clocks import Periodic, Times
+from quietfix.systems.earth.geodetic import vertical
+from quietfix.systems.geometry.visibility import ElevationMask
+from quietfix.systems.recorder import record
+from quietfix.systems.sensors.sensor import Sensor
+from quietfix.systems.signals import Constant, Draw, set_draw
 from tests.laws.cases import GEOMETRIES, MEASUREMENTS, PASS, PLACES, phase, place, satellites, six, tdoa
 from tests.laws.rig import Linear
 

@@ -6,16 +6,16 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
-from systems.angle_wrapping import wrap
-from systems.angles.bearing import Bearing
-from systems.angles.phase import InterferometerPhase
-from systems.angles.relative_kinematics import ROWS, RelativeKinematics
-from systems.clocks import Periodic
-from systems.earth.frames import nadir_frame_earth_fixed
-from systems.geometry.misalignment import rotation_matrix, seen_from_turned_axes
-from systems.sensors.attitude_error import AttitudeError
-from systems.sensors.reading_error import ReadingError
-from systems.signals import Constant, Draw, set_draw
+from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.angles.bearing import Bearing
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.earth.frames import nadir_frame_earth_fixed
+from quietfix.systems.geometry.misalignment import rotation_matrix, seen_from_turned_axes
+from quietfix.systems.sensors.attitude_error import AttitudeError
+from quietfix.systems.sensors.reading_error import ReadingError
+from quietfix.systems.signals import Constant, Draw, set_draw
 
 CLOCK = Periodic(1.0)
 SATELLITE = np.array([7.0e6, 2e5, 1e5, -300.0, 3.7e3, 6.4e3])

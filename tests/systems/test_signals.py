@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.signals import Constant, Draw, EnsembleBlock, ensemble, leaf_systems, set_draw
+from quietfix.systems.signals import Constant, Draw, EnsembleBlock, ensemble, leaf_systems, set_draw
 
 
 class Doubler(EnsembleBlock):

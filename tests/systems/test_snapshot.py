@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.geodetic import ecef_to_geodetic, geodetic_state
-from systems.filters.iterated_extended import IteratedExtendedKalman
-from systems.filters.whitening import Whitener
-from systems.fixes.snapshot import snapshot_fix, starts_around
-from systems.measurement.altitude import Altitude
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.starts.snapshot_start import SnapshotStart
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_state
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.fixes.snapshot import snapshot_fix, starts_around
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.starts.snapshot_start import SnapshotStart
 
 SIGMA = 40.0 / SPEED_OF_LIGHT  # s, of one difference
 TDOA = Tdoa(SIGMA, (1, 2, 3, 4), correlated=True)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from systems.plants.orbit import DenseOrbit
-from systems.plants.solving import solve
-from systems.trajectories.gravity import GravityConstants
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.plants.solving import solve
+from quietfix.systems.trajectories.gravity import GravityConstants
 
 
 def test_a_solution_is_that_of_the_equation():
@@ -14,7 +14,7 @@ def test_a_solution_is_that_of_the_equation():
 
 
 def test_too_many_revolutions_are_told(monkeypatch):
-    monkeypatch.setattr("systems.plants.solving._MOST_CALLS", 4000)
+    monkeypatch.setattr("quietfix.systems.plants.solving._MOST_CALLS", 4000)
     with pytest.raises(ValueError, match="spring: it moves too fast to be followed to 1000 s, 4000 steps reach"):
         solve("spring", lambda t, x: np.array([1e9 * x[1], -1e9 * x[0]]), 0.0, 1e3, np.ones(2))
 

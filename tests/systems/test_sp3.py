@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from systems.earth.frames import earth_fixed_to_inertial
-from systems.motion.orbital import OrbitalMotion
-from systems.plants.orbit import DenseOrbit
-from systems.plants.recorded import hermite
-from systems.plants.sp3 import read_sp3
+from quietfix.systems.earth.frames import earth_fixed_to_inertial
+from quietfix.systems.motion.orbital import OrbitalMotion
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.plants.recorded import hermite
+from quietfix.systems.plants.sp3 import read_sp3
 from tests.systems.ranging_scene import EARTH
 
 HEAD = """#cV2008  8 30 21  0  0.00000000       {count} DORIS ITR05 FIT  LCA

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from systems.filters.square_root import Gains
-from systems.linear_algebra import cholesky, semidefinite_root, symmetric
+from quietfix.systems.filters.square_root import Gains
+from quietfix.systems.linear_algebra import cholesky, semidefinite_root, symmetric
 from tests.laws.exact import exact, exact_update, solve_exactly
 
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from systems.clocks import Periodic
-from systems.estimators.kalman import KalmanEstimator
-from systems.filters.whitening import Whitener
-from systems.fixes.known_height import known_height_fix
-from systems.starts.known_height_start import KnownHeightStart
-from systems.starts.start import GivenStart, PortStart, Start
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.fixes.known_height import known_height_fix
+from quietfix.systems.starts.known_height_start import KnownHeightStart
+from quietfix.systems.starts.start import GivenStart, PortStart, Start
 from tests.laws.cases import estimators, tdoa
 from tests.laws.rig import Scene, run
 

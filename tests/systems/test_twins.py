@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from systems.clocks import Periodic
-from systems.measurement.stack import Stack
-from systems.noise import normal
-from systems.sensors.sensor import Sensor
-from systems.signals import Constant, Draw, set_draw
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.noise import normal
+from quietfix.systems.sensors.sensor import Sensor
+from quietfix.systems.signals import Constant, Draw, set_draw
 from tests.laws.cases import tdoa
 from tests.laws.rig import Scene
 

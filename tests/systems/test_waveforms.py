@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from systems.iq.modulation import BandLimitedNoise, Qpsk
-from systems.iq.pulse_train import PulseTrain
-from systems.iq.root_raised_cosine import pulse, raised_cosine
-from systems.iq.waveform import Emission
+from quietfix.systems.iq.modulation import BandLimitedNoise, Qpsk
+from quietfix.systems.iq.pulse_train import PulseTrain
+from quietfix.systems.iq.root_raised_cosine import pulse, raised_cosine
+from quietfix.systems.iq.waveform import Emission
 
 WAVEFORMS = [Qpsk(), BandLimitedNoise(), PulseTrain()]
 NAMES = ["qpsk", "noise", "pulse_train"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from systems.filters.whitening import Whitener, missing_rows, unknown_rows
+from quietfix.systems.filters.whitening import Whitener, missing_rows, unknown_rows
 from tests.laws.cases import MEASUREMENTS
 
 SIGMA = np.array([2e-8, 1.0, 0.26, 3e3])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from diagrams.parts.launch import (
+from quietfix.diagrams.parts.launch import (
     Falcon9,
     Geodetic,
     Rocket,
@@ -12,9 +12,9 @@ from diagrams.parts.launch import (
     SphericalEarth,
     Track,
 )
-from diagrams.parts.sensor_errors import SensorErrors
-from systems.documented import choice, count, documented, number
-from systems.options.choice import EstimatorChoice
+from quietfix.diagrams.parts.sensor_errors import SensorErrors
+from quietfix.systems.documented import choice, count, documented, number
+from quietfix.systems.options.choice import EstimatorChoice
 
 __all__ = ["Scenario", "StationSensing", "TransponderWindow"]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from diagrams.parts.sensor_errors import SensorErrors
-from systems.documented import choice, documented, number
-from systems.estimators.azimuth_filter import AzimuthFilterOptions
-from systems.options.choice import EstimatorChoice
+from quietfix.diagrams.parts.sensor_errors import SensorErrors
+from quietfix.systems.documented import choice, documented, number
+from quietfix.systems.estimators.azimuth_filter import AzimuthFilterOptions
+from quietfix.systems.options.choice import EstimatorChoice
 
 __all__ = ["Scenario"]
 

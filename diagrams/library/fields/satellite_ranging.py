@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from diagrams.parts.sensor_errors import SensorErrors
-from systems.documented import choice, documented, number
-from systems.options.choice import EstimatorChoice
+from quietfix.diagrams.parts.sensor_errors import SensorErrors
+from quietfix.systems.documented import choice, documented, number
+from quietfix.systems.options.choice import EstimatorChoice
 
 __all__ = ["Kepler", "PaperConstants", "Scenario", "Sp3"]
 

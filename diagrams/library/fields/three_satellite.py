@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from diagrams.parts.formation import (
+from quietfix.diagrams.parts.formation import (
     EarthConstants,
     GreatCircle,
     Kepler,
@@ -14,9 +14,9 @@ from diagrams.parts.formation import (
     ReferenceOrbit,
     StraightLine,
 )
-from diagrams.parts.sensor_errors import SensorErrors
-from systems.documented import choice, documented, number
-from systems.options.choice import EstimatorChoice
+from quietfix.diagrams.parts.sensor_errors import SensorErrors
+from quietfix.systems.documented import choice, documented, number
+from quietfix.systems.options.choice import EstimatorChoice
 
 __all__ = ["PLATFORMS", "Scenario"]
 

@@ -9,22 +9,22 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.map import BoundMap
-from diagrams.library.fields.beacon_rocket import Belief, ConstantBias, LinearBias, RandomWalkBias, Scenario
-from diagrams.maps.flight import flight_map
-from diagrams.parts.launch import (
+from quietfix.diagrams.assembly.map import BoundMap
+from quietfix.diagrams.library.fields.beacon_rocket import Belief, ConstantBias, LinearBias, RandomWalkBias, Scenario
+from quietfix.diagrams.maps.flight import flight_map
+from quietfix.diagrams.parts.launch import (
     launch_site,
     station_names,
     station_positions,
     vehicle_block,
 )
-from diagrams.schema.errors import UserError
-from systems.clocks import Periodic
-from systems.geometry.lines_of_sight import line_of_sight
-from systems.geometry.visibility import SphericalMask
-from systems.measurement.range_rate import RangeRate
-from systems.motion.current_statistical import CurrentStatistical, MeanAcceleration
-from systems.motion.known_flight import KnownFlight
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.geometry.lines_of_sight import line_of_sight
+from quietfix.systems.geometry.visibility import SphericalMask
+from quietfix.systems.measurement.range_rate import RangeRate
+from quietfix.systems.motion.current_statistical import CurrentStatistical, MeanAcceleration
+from quietfix.systems.motion.known_flight import KnownFlight
 
 __all__ = [
     "acceleration_limits",
@@ -96,7 +96,7 @@ def motion_within(scenario: Scenario, limits: tuple[Array, Array], biased: bool 
 
 
 def believed_motion(scenario: Scenario, vehicle: Any) -> CurrentStatistical:
-    """Return how the estimators believe that the vehicle moves, a block of `diagrams.parts.launch.vehicle_block`."""
+    """Return how the estimators believe that the vehicle moves, a block of `vehicle_block`."""
     return motion_within(scenario, acceleration_limits(scenario, vehicle))
 
 

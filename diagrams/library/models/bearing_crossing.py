@@ -8,19 +8,19 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.map import BoundMap
-from diagrams.library.fields.bearing_crossing import Scenario, Waypoints
-from diagrams.maps.bearing import bearing_map
-from diagrams.parts.sensor_errors import NO_CLOCKS, refuse
-from diagrams.schema.errors import UserError
-from systems.angles.bearing import Bearing
-from systems.clocks import Periodic
-from systems.estimators.options import EstimatorOptions
-from systems.motion.base import MotionModel
-from systems.motion.constant_velocity import ConstantVelocity
-from systems.motion.stationary import Stationary
-from systems.starts.bearing_start import BearingStart
-from systems.trajectories.waypoints import WaypointPath
+from quietfix.diagrams.assembly.map import BoundMap
+from quietfix.diagrams.library.fields.bearing_crossing import Scenario, Waypoints
+from quietfix.diagrams.maps.bearing import bearing_map
+from quietfix.diagrams.parts.sensor_errors import NO_CLOCKS, refuse
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.angles.bearing import Bearing
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.motion.stationary import Stationary
+from quietfix.systems.starts.bearing_start import BearingStart
+from quietfix.systems.trajectories.waypoints import WaypointPath
 
 __all__ = [
     "axes_of",

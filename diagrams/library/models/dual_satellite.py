@@ -9,27 +9,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.map import BoundMap
-from diagrams.library.fields.dual_satellite import PLATFORMS, Scenario, Truth
-from diagrams.maps.ground import GroundPrior, ground_grid, ground_map
-from diagrams.parts import formation
-from diagrams.parts.dual_signal import Signal, SignalChain, predicted_sigmas, waveform_of
-from diagrams.schema.errors import UserError
-from systems.ambiguity.limits import check_duration
-from systems.ambiguity.variance import effective_snr, stein
-from systems.angles.direction import BodyDirection, Direction, DirectionCosines
-from systems.clocks import Periodic
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.earth.geodetic import geodetic_state
-from systems.estimators.options import EstimatorOptions
-from systems.geometry.visibility import ElevationMask
-from systems.measurement.base import MeasurementModel
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.plants.orbit import DenseOrbit
-from systems.starts.direction_start import DirectionStart
-from systems.starts.prior_position_start import PriorPositionStart
+from quietfix.diagrams.assembly.map import BoundMap
+from quietfix.diagrams.library.fields.dual_satellite import PLATFORMS, Scenario, Truth
+from quietfix.diagrams.maps.ground import GroundPrior, ground_grid, ground_map
+from quietfix.diagrams.parts import formation
+from quietfix.diagrams.parts.dual_signal import Signal, SignalChain, predicted_sigmas, waveform_of
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.ambiguity.limits import check_duration
+from quietfix.systems.ambiguity.variance import effective_snr, stein
+from quietfix.systems.angles.direction import BodyDirection, Direction, DirectionCosines
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.earth.geodetic import geodetic_state
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.geometry.visibility import ElevationMask
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.starts.direction_start import DirectionStart
+from quietfix.systems.starts.prior_position_start import PriorPositionStart
 
 __all__ = [
     "believed_stack",

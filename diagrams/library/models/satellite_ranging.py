@@ -11,18 +11,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.map import BoundMap
-from diagrams.library.fields.satellite_ranging import Kepler, Scenario, Sp3
-from diagrams.maps.orbits import orbit_map
-from diagrams.schema.errors import UserError
-from systems.angles.relative_kinematics import ROWS, RelativeKinematics, rows_of
-from systems.clocks import Periodic
-from systems.fixes.orbit_plane import plane_normal
-from systems.geometry.visibility import EarthOccultation
-from systems.motion.orbital import OrbitalMotion
-from systems.plants.sp3 import read_sp3
-from systems.trajectories.gravity import GravityConstants
-from systems.trajectories.kepler import KeplerElements, mean_motion, state_of
+from quietfix.diagrams.assembly.map import BoundMap
+from quietfix.diagrams.library.fields.satellite_ranging import Kepler, Scenario, Sp3
+from quietfix.diagrams.maps.orbits import orbit_map
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics, rows_of
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.fixes.orbit_plane import plane_normal
+from quietfix.systems.geometry.visibility import EarthOccultation
+from quietfix.systems.motion.orbital import OrbitalMotion
+from quietfix.systems.plants.sp3 import read_sp3
+from quietfix.systems.trajectories.gravity import GravityConstants
+from quietfix.systems.trajectories.kepler import KeplerElements, mean_motion, state_of
 
 __all__ = [
     "believed_motion",

@@ -9,24 +9,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from diagrams.assembly.map import BoundMap
-from diagrams.library.fields.three_satellite import PLATFORMS, Scenario
-from diagrams.maps.ground import GroundPrior, ground_grid, ground_map
-from diagrams.parts import formation
-from diagrams.parts.ground import beside_track
-from diagrams.schema.errors import UserError, choose
-from systems.angles.phase import Axis, InterferometerPhase
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.frames import inertial_to_earth_fixed
-from systems.estimators.options import EstimatorOptions
-from systems.estimators.phase_resolver import PhaseResolver
-from systems.fixes.known_height import has_closed_form
-from systems.geometry.visibility import ElevationMask
-from systems.measurement.base import MeasurementModel
-from systems.measurement.fdoa import Fdoa
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.plants.orbit import DenseOrbit
+from quietfix.diagrams.assembly.map import BoundMap
+from quietfix.diagrams.library.fields.three_satellite import PLATFORMS, Scenario
+from quietfix.diagrams.maps.ground import GroundPrior, ground_grid, ground_map
+from quietfix.diagrams.parts import formation
+from quietfix.diagrams.parts.ground import beside_track
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.systems.angles.phase import Axis, InterferometerPhase
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.frames import inertial_to_earth_fixed
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.phase_resolver import PhaseResolver
+from quietfix.systems.fixes.known_height import has_closed_form
+from quietfix.systems.geometry.visibility import ElevationMask
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.fdoa import Fdoa
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.plants.orbit import DenseOrbit
 
 __all__ = [
     "baseline_chain",
@@ -68,7 +68,7 @@ def target_state(
     orbit : DenseOrbit
         The satellites.
     along_km, cross_km : array_like, shape (...), optional
-        Place [km], as `diagrams.parts.ground.beside_track` counts it.
+        Place [km], as `quietfix.diagrams.parts.ground.beside_track` counts it.
     """
     truth = scenario.truth
     along = truth.along_km if along_km is None else along_km
@@ -167,7 +167,7 @@ def bound_map(
         Kinds of measurement by name of the set (``tdoa``, ``fdoa``, ``phase_a``, ``phase_b``; ``phase`` is both); by
         default those of the scenario's estimators.
     spacing_km, extent_km : float
-        See `diagrams.maps.ground.ground_grid`.
+        See `quietfix.diagrams.maps.ground.ground_grid`.
     prior : GroundPrior, optional
         What is known before the first measurement.
 

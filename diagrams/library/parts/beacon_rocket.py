@@ -8,25 +8,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from diagrams.library.fields.beacon_rocket import ConstantBias, LinearBias, RandomWalkBias, Scenario
-from diagrams.library.models.beacon_rocket import sensor_mask
-from diagrams.parts.launch import (
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.library.fields.beacon_rocket import ConstantBias, LinearBias, RandomWalkBias, Scenario
+from quietfix.diagrams.library.models.beacon_rocket import sensor_mask
+from quietfix.diagrams.parts.launch import (
     station_names,
 )
-from diagrams.schema.errors import UserError
-from systems.clocks import Periodic
-from systems.measurement.range_rate import RangeRate
-from systems.motion.random_walk import RandomWalk as RandomWalkMotion
-from systems.plants.joined import Joined
-from systems.plants.mode_schedule import ModeSchedule
-from systems.plants.model_plant import ModelPlant
-from systems.plants.oscillator import BiasLaw, OscillatorBias
-from systems.plants.recorded_flight import RecordedFlight
-from systems.plants.rocket import Rocket as RocketPlant
-from systems.sensors.beacon import BeaconStations
-from systems.sensors.offset_prior import OffsetPrior
-from systems.signals import Constant, EnsembleBlock
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.measurement.range_rate import RangeRate
+from quietfix.systems.motion.random_walk import RandomWalk as RandomWalkMotion
+from quietfix.systems.plants.joined import Joined
+from quietfix.systems.plants.mode_schedule import ModeSchedule
+from quietfix.systems.plants.model_plant import ModelPlant
+from quietfix.systems.plants.oscillator import BiasLaw, OscillatorBias
+from quietfix.systems.plants.recorded_flight import RecordedFlight
+from quietfix.systems.plants.rocket import Rocket as RocketPlant
+from quietfix.systems.sensors.beacon import BeaconStations
+from quietfix.systems.sensors.offset_prior import OffsetPrior
+from quietfix.systems.signals import Constant, EnsembleBlock
 
 __all__ = ["BeaconFlight", "OffsetStart"]
 
@@ -74,7 +74,7 @@ class BeaconFlight:
     sensor: RangeRate
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         scenario, count_ = self.scenario, len(self.positions)
         vehicle = bus.add(self.vehicle.again(), gives={"target": "state"})
         bus.publish(stage=vehicle.GetOutputPort("stage"), acceleration=vehicle.GetOutputPort("acceleration"))
@@ -105,7 +105,7 @@ class OffsetStart:
     scenario: Scenario
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         initial, trials = self.scenario.initial, bus.shape("truth")[0]
         offsets = [initial.position_m] * 3 + [initial.velocity_mps] * 3 + [0.0] * 4
         signs, sizes = [True] * 9 + [False], (10, 9)

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from diagrams.library.fields.satellite_ranging import Scenario
-from diagrams.library.models.satellite_ranging import gravity
-from diagrams.parts.sensor_errors import SensorErrors
-from diagrams.schema.errors import UserError
-from systems.clocks import Periodic
-from systems.estimators.base import Estimator
-from systems.options.range_decomposed import PREVIEW
-from systems.plants.orbit import DenseOrbit
-from systems.plants.recorded import RecordedTruth
-from systems.sensors.platform_error import PlatformError
-from systems.sensors.preview import Preview
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.library.fields.satellite_ranging import Scenario
+from quietfix.diagrams.library.models.satellite_ranging import gravity
+from quietfix.diagrams.parts.sensor_errors import SensorErrors
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.options.range_decomposed import PREVIEW
+from quietfix.systems.plants.orbit import DenseOrbit
+from quietfix.systems.plants.recorded import RecordedTruth
+from quietfix.systems.sensors.platform_error import PlatformError
+from quietfix.systems.sensors.preview import Preview
 
 __all__ = ["OrbitingTarget", "add_preview", "orbit_block"]
 
@@ -33,7 +33,7 @@ class OrbitingTarget:
     solved: Callable[[], DenseOrbit | RecordedTruth]
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         block = self.solved().again()
         port = "inertial" if isinstance(block, DenseOrbit) else "state"
         bus.add(block, gives={"target": port, "truth": port})

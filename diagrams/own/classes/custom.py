@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from diagrams.paths.places import Places
-from diagrams.schema.errors import UserError
-from systems.documented import documented, text
-from systems.measurement.base import MeasurementModel
-from systems.measurement.custom import CustomMeasurement, made
+from quietfix.diagrams.paths.places import Places
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.documented import documented, text
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.custom import CustomMeasurement, made
 
 __all__ = ["Custom"]
 

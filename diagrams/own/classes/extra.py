@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from diagrams.assembly.bus import Bus
-from diagrams.schema.errors import UserError
-from systems.documented import choice, documented, text
-from systems.registry import blamed, object_at
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.documented import choice, documented, text
+from quietfix.systems.registry import blamed, object_at
 
 __all__ = ["Custom"]
 
@@ -17,8 +17,8 @@ class Custom:
     """A part of one's own: a function, or a class, that puts blocks on the bus of signals.
 
     ``{class: package.module:function, options: {...}}`` is called as ``function(bus, **options)``, a class as
-    ``Class(**options)(bus)``; see `diagrams.assembly.bus.Bus`. What it publishes again (``target``, ``measurement``,
-    ``known``) is what those after it get.
+    ``Class(**options)(bus)``; see `quietfix.diagrams.assembly.bus.Bus`. What it publishes again (``target``,
+    ``measurement``, ``known``) is what those after it get.
     """
 
     class_: str = text("where the function or the class is: package.module:name, beside this file, say")
@@ -43,7 +43,7 @@ class _Part:
     where: str
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         field, path = self.field, self.field.class_
         found = object_at(path)
         try:

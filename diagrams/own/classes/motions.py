@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from diagrams.quantities.states import POSITION, VELOCITY
-from diagrams.schema.errors import UserError
-from systems.documented import documented, text
-from systems.motion.custom import CustomMotion, made
+from quietfix.diagrams.quantities.states import POSITION, VELOCITY
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.documented import documented, text
+from quietfix.systems.motion.custom import CustomMotion, made
 
 __all__ = ["Custom"]
 
 
 @dataclass
 class Custom:
-    """A motion model of one's own: a subclass of systems.motion.base.MotionModel, whose transition may be lacking.
+    """A motion model of one's own: a subclass of `quietfix.systems.motion.base.MotionModel`; its transition may lack.
 
     Its states are x, y, z, vx, vy, vz in the axes of the frame.
     """

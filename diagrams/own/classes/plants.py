@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort, PortDataType, System
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.model import Part
-from diagrams.schema.errors import UserError
-from systems.documented import documented, number, text
-from systems.integration import LONGEST_STEP, simulator_of
-from systems.plants.checked_truth import CheckedTruth
-from systems.registry import blamed, in_one_line, object_at
-from systems.signals import Draw, set_draw
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.model import Part
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.documented import documented, number, text
+from quietfix.systems.integration import LONGEST_STEP, simulator_of
+from quietfix.systems.plants.checked_truth import CheckedTruth
+from quietfix.systems.registry import blamed, in_one_line, object_at
+from quietfix.systems.signals import Draw, set_draw
 
 __all__ = ["Custom", "add_plant", "played"]
 

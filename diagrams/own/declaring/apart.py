@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.own.declaring.sensing import PlacedSensor
-from diagrams.own.fields.schema import OwnScenario
-from diagrams.paths.functions import Path
-from diagrams.paths.movers import RandomMotion
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.own.declaring.sensing import PlacedSensor
+from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.paths.functions import Path
+from quietfix.diagrams.paths.movers import RandomMotion
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["check_apart"]
 

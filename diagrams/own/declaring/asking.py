@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagrams.own.declaring.beginning import Surroundings
-from systems.measurement.custom import CustomMeasurement
-from systems.motion.base import MotionModel
-from systems.motion.custom import CustomMotion
+from quietfix.diagrams.own.declaring.beginning import Surroundings
+from quietfix.systems.measurement.custom import CustomMeasurement
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.motion.custom import CustomMotion
 
 __all__ = ["ask_own"]
 

@@ -9,31 +9,31 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.model import Part
-from diagrams.own.declaring.resolving import two_differences
-from diagrams.own.declaring.sensing import Measured
-from diagrams.own.declaring.target import spread_of
-from diagrams.own.fields.kinds import Phase
-from diagrams.own.fields.schema import Given, OwnScenario, Prior
-from diagrams.own.fields.starts import KnownHeight, Snapshot
-from diagrams.parts.formation import gravity_constants
-from diagrams.parts.sensing import TargetSensor
-from diagrams.paths.functions import Path, path_of
-from diagrams.paths.records import Setting
-from diagrams.schema.errors import UserError, choose
-from systems.clocks import Clock
-from systems.estimators.options import EstimatorOptions
-from systems.fixes.known_height import Method, has_closed_form
-from systems.fixes.snapshot import starts_around, starts_around_level
-from systems.geometry.visibility import ElevationMask
-from systems.measurement.altitude import Altitude
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.sensors.prior import PriorEstimate
-from systems.starts.known_height_start import KnownHeightStart
-from systems.starts.snapshot_start import SnapshotStart
-from systems.starts.start import GivenStart, PortStart, Start
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.model import Part
+from quietfix.diagrams.own.declaring.resolving import two_differences
+from quietfix.diagrams.own.declaring.sensing import Measured
+from quietfix.diagrams.own.declaring.target import spread_of
+from quietfix.diagrams.own.fields.kinds import Phase
+from quietfix.diagrams.own.fields.schema import Given, OwnScenario, Prior
+from quietfix.diagrams.own.fields.starts import KnownHeight, Snapshot
+from quietfix.diagrams.parts.formation import gravity_constants
+from quietfix.diagrams.parts.sensing import TargetSensor
+from quietfix.diagrams.paths.functions import Path, path_of
+from quietfix.diagrams.paths.records import Setting
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.systems.clocks import Clock
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.fixes.known_height import Method, has_closed_form
+from quietfix.systems.fixes.snapshot import starts_around, starts_around_level
+from quietfix.systems.geometry.visibility import ElevationMask
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.sensors.prior import PriorEstimate
+from quietfix.systems.starts.known_height_start import KnownHeightStart
+from quietfix.systems.starts.snapshot_start import SnapshotStart
+from quietfix.systems.starts.start import GivenStart, PortStart, Start
 
 __all__ = ["Begin", "Surroundings", "begin"]
 

@@ -9,18 +9,18 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from diagrams.own.declaring.sensing import Measured, PlacedSensor
-from diagrams.own.fields.kinds import Bearing, Tdoa, Toa
-from diagrams.parts.impairment import Impaired, Mount
-from diagrams.parts.sensor_errors import CommonErrors, SensorErrors, refuse
-from diagrams.quantities.frame import Frame
-from diagrams.schema.errors import choose
-from systems.angles.bearing import Bearing as BearingModel
-from systems.angles.phase import InterferometerPhase
-from systems.geometry.body_frame import body_frame
-from systems.measurement.differenced import Differenced
-from systems.plants.joined import Joined
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.own.declaring.sensing import Measured, PlacedSensor
+from quietfix.diagrams.own.fields.kinds import Bearing, Tdoa, Toa
+from quietfix.diagrams.parts.impairment import Impaired, Mount
+from quietfix.diagrams.parts.sensor_errors import CommonErrors, SensorErrors, refuse
+from quietfix.diagrams.quantities.frame import Frame
+from quietfix.diagrams.schema.errors import choose
+from quietfix.systems.angles.bearing import Bearing as BearingModel
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.geometry.body_frame import body_frame
+from quietfix.systems.measurement.differenced import Differenced
+from quietfix.systems.plants.joined import Joined
 
 __all__ = ["Together", "impaired"]
 
@@ -94,7 +94,7 @@ class Together:
     gives: Sequence[str] = ("measurement",)
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         raw = {name: f"{name}_raw" for name in self.names}
         if len(raw) == 1:
             bus.publish(**dict.fromkeys(self.gives, bus[next(iter(raw.values()))]))

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from diagrams.own.declaring.sensing import Measured
-from diagrams.own.fields.kinds import Phase
-from diagrams.own.fields.schema import OwnScenario
-from diagrams.parts.resolving import PhaseResolution
-from diagrams.schema.errors import UserError, choose
-from systems.angles.phase import InterferometerPhase
-from systems.measurement.tdoa import Tdoa
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.own.declaring.sensing import Measured
+from quietfix.diagrams.own.fields.kinds import Phase
+from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.parts.resolving import PhaseResolution
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.measurement.tdoa import Tdoa
 
 __all__ = ["Resolvers", "open_cycles", "phase_resolvers", "two_differences"]
 

@@ -8,21 +8,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, cast
 
-from diagrams.own.fields.kinds import Kind, Phase
-from diagrams.own.fields.schema import OwnScenario
-from diagrams.own.fields.sensors import Joint, Sensor
-from diagrams.paths.places import Places, Timed
-from diagrams.schema.errors import UserError, choose
-from systems.angles.phase import InterferometerPhase
-from systems.clocks import Periodic
-from systems.estimators.options import EstimatorOptions
-from systems.geometry.visibility import ElevationMask
-from systems.measurement.base import MeasurementModel
-from systems.measurement.chosen import only
-from systems.measurement.custom import CustomMeasurement
-from systems.measurement.stack import Stack
-from systems.motion.base import MotionModel
-from systems.motion.custom import CustomMotion
+from quietfix.diagrams.own.fields.kinds import Kind, Phase
+from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.own.fields.sensors import Joint, Sensor
+from quietfix.diagrams.paths.places import Places, Timed
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.clocks import Periodic
+from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.geometry.visibility import ElevationMask
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.chosen import only
+from quietfix.systems.measurement.custom import CustomMeasurement
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.motion.custom import CustomMotion
 
 __all__ = ["NAME", "Measured", "PlacedSensor", "differentiated", "placed_sensors", "used_rows"]
 

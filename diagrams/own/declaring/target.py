@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import OutputPort
 
-from diagrams.assembly.bus import Bus
-from diagrams.own.classes import motions, plants
-from diagrams.own.fields.schema import ConstantVelocity, Orbital, Oscillator, OwnScenario
-from diagrams.parts.formation import gravity_constants
-from diagrams.parts.movers import ModelTarget
-from diagrams.paths.functions import Path
-from diagrams.paths.movers import (
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.own.classes import motions, plants
+from quietfix.diagrams.own.fields.schema import ConstantVelocity, Orbital, Oscillator, OwnScenario
+from quietfix.diagrams.parts.formation import gravity_constants
+from quietfix.diagrams.parts.movers import ModelTarget
+from quietfix.diagrams.paths.functions import Path
+from quietfix.diagrams.paths.movers import (
     Fixed,
     Geodetic,
     Kepler,
@@ -24,18 +24,18 @@ from diagrams.paths.movers import (
     Straight,
     StraightLine,
 )
-from diagrams.quantities.frame import INERTIAL
-from diagrams.schema.errors import UserError
-from systems.clocks import Clock
-from systems.constants import SPEED_OF_LIGHT
-from systems.motion import constant_velocity
-from systems.motion.base import MotionModel
-from systems.motion.orbital import OrbitalMotion
-from systems.motion.random_walk import RandomWalk
-from systems.motion.side_by_side import SideBySide
-from systems.plants.joined import Joined
-from systems.plants.model_plant import ModelPlant
-from systems.plants.path import Path as PathBlock
+from quietfix.diagrams.quantities.frame import INERTIAL
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.clocks import Clock
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.motion import constant_velocity
+from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.motion.orbital import OrbitalMotion
+from quietfix.systems.motion.random_walk import RandomWalk
+from quietfix.systems.motion.side_by_side import SideBySide
+from quietfix.systems.plants.joined import Joined
+from quietfix.systems.plants.model_plant import ModelPlant
+from quietfix.systems.plants.path import Path as PathBlock
 
 __all__ = ["Target", "spread_of", "target_motion", "true_motion", "with_bias"]
 
@@ -104,7 +104,7 @@ class Target:
     clock: Clock
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         target, oscillator = self.scenario.target, self.scenario.oscillator
         bias, drawn = [], 0.0
         if oscillator is not None:

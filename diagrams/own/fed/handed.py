@@ -8,20 +8,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from diagrams.assembly.recorded import Recorded
-from diagrams.own.declaring.sensing import Measured
-from diagrams.own.fed.measured import believed_noise, refuse_simulated
-from diagrams.own.fed.rows import Row, rows_of
-from diagrams.own.fields.schema import OwnScenario, Prior
-from diagrams.own.fields.starts import KnownHeight
-from diagrams.paths.functions import Path
-from diagrams.paths.movers import Fixed, Geodetic, GreatCircle, Platform, Straight, StraightLine, Tle, Waypoints
-from diagrams.paths.places import Places
-from diagrams.paths.records import Setting
-from diagrams.paths.tables import stands
-from systems.clocks import Clock, Driven
-from systems.sensors.handed_rows import HandedRows
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.recorded import Recorded
+from quietfix.diagrams.own.declaring.sensing import Measured
+from quietfix.diagrams.own.fed.measured import believed_noise, refuse_simulated
+from quietfix.diagrams.own.fed.rows import Row, rows_of
+from quietfix.diagrams.own.fields.schema import OwnScenario, Prior
+from quietfix.diagrams.own.fields.starts import KnownHeight
+from quietfix.diagrams.paths.functions import Path
+from quietfix.diagrams.paths.movers import (
+    Fixed,
+    Geodetic,
+    GreatCircle,
+    Platform,
+    Straight,
+    StraightLine,
+    Tle,
+    Waypoints,
+)
+from quietfix.diagrams.paths.places import Places
+from quietfix.diagrams.paths.records import Setting
+from quietfix.diagrams.paths.tables import stands
+from quietfix.systems.clocks import Clock, Driven
+from quietfix.systems.sensors.handed_rows import HandedRows
 
 __all__ = ["Handed", "handed"]
 
@@ -76,7 +85,7 @@ class Handed:
     notes: Sequence[str] = ()
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         block = bus.add(HandedRows(self.noise_covariance, self.scaled))
         port, state = block.GetOutputPort("measurement"), block.GetOutputPort("state")
         bus.publish(raw=port, measurement=port, target=state, truth=state)
@@ -113,7 +122,7 @@ def handed(
         All that is measured.
     places : Places
     truth : mapping of str to callable
-        As `diagrams.own.fed.measured.true_paths`.
+        As `quietfix.diagrams.own.fed.measured.true_paths`.
     usual : Clock
         When the sensors measure as a rule.
     carriers : callable
@@ -122,7 +131,7 @@ def handed(
     Raises
     ------
     UserError
-        As `diagrams.own.fed.measured.refuse_simulated`.
+        As `quietfix.diagrams.own.fed.measured.refuse_simulated`.
     """
     refuse_simulated(scenario, bool(truth))
     endless = all(

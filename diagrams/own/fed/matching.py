@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.own.fed.rows import Row
-from diagrams.readers.measurements import MeasurementTable, Series
-from diagrams.readers.units import factor_of
-from diagrams.schema.errors import UserError, choose
-from systems.angles.bearing import from_compass
+from quietfix.diagrams.own.fed.rows import Row
+from quietfix.diagrams.readers.measurements import MeasurementTable, Series
+from quietfix.diagrams.readers.units import factor_of
+from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.systems.angles.bearing import from_compass
 
 __all__ = ["Matched", "Meaning", "beyond", "matched", "meaning_of"]
 

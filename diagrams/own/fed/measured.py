@@ -11,24 +11,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from diagrams.assembly.recorded import Recorded
-from diagrams.own.classes import plants
-from diagrams.own.declaring.sensing import Measured
-from diagrams.own.fed.plausible import beyond_light
-from diagrams.own.fed.played import Played, played, table_of
-from diagrams.own.fed.report import measured_report
-from diagrams.own.fed.rows import rows_of
-from diagrams.own.fed.truth import read_truth
-from diagrams.own.fields.schema import OwnScenario, Prior
-from diagrams.own.fields.starts import KnownHeight
-from diagrams.parts.formation import gravity_constants
-from diagrams.paths.functions import Path, path_of
-from diagrams.paths.movers import RandomMotion, Sp3, Tle, Track
-from diagrams.paths.places import Places
-from diagrams.paths.records import Setting
-from diagrams.readers.measurements import MeasurementTable
-from diagrams.schema.errors import UserError
-from systems.earth.time_scales import posix_of, posix_to_tai
+from quietfix.diagrams.assembly.recorded import Recorded
+from quietfix.diagrams.own.classes import plants
+from quietfix.diagrams.own.declaring.sensing import Measured
+from quietfix.diagrams.own.fed.plausible import beyond_light
+from quietfix.diagrams.own.fed.played import Played, played, table_of
+from quietfix.diagrams.own.fed.report import measured_report
+from quietfix.diagrams.own.fed.rows import rows_of
+from quietfix.diagrams.own.fed.truth import read_truth
+from quietfix.diagrams.own.fields.schema import OwnScenario, Prior
+from quietfix.diagrams.own.fields.starts import KnownHeight
+from quietfix.diagrams.parts.formation import gravity_constants
+from quietfix.diagrams.paths.functions import Path, path_of
+from quietfix.diagrams.paths.movers import RandomMotion, Sp3, Tle, Track
+from quietfix.diagrams.paths.places import Places
+from quietfix.diagrams.paths.records import Setting
+from quietfix.diagrams.readers.measurements import MeasurementTable
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.time_scales import posix_of, posix_to_tai
 
 __all__ = [
     "believed_noise",
@@ -50,7 +50,7 @@ def table_of_scenario(scenario: OwnScenario, folder: FilePath) -> MeasurementTab
     Raises
     ------
     UserError
-        As `diagrams.readers.measurements.read_measurements`.
+        As `quietfix.diagrams.readers.measurements.read_measurements`.
     """
     field = scenario.measurements
     if field is None:

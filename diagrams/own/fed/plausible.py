@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.own.fed.played import Played
-from diagrams.own.fed.rows import Row
-from systems.constants import SPEED_OF_LIGHT
+from quietfix.diagrams.own.fed.played import Played
+from quietfix.diagrams.own.fed.rows import Row
+from quietfix.systems.constants import SPEED_OF_LIGHT
 
 __all__ = ["beyond_light"]
 

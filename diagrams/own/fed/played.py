@@ -11,21 +11,21 @@ from pathlib import Path as FilePath
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.assembly.bus import Bus
-from diagrams.own.fed.matching import Matched, matched
-from diagrams.own.fed.rows import Row
-from diagrams.paths.functions import Path
-from diagrams.readers.ccsds.tdm_table import TDM_SUFFIXES, tdm_measurements
-from diagrams.readers.measurements import MeasurementTable, read_measurements
-from systems.clocks import Stepped, Times
-from systems.playback.track_paths import TrackPaths
-from systems.sensors.played_rows import PlayedRows, TableTrack
+from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.own.fed.matching import Matched, matched
+from quietfix.diagrams.own.fed.rows import Row
+from quietfix.diagrams.paths.functions import Path
+from quietfix.diagrams.readers.ccsds.tdm_table import TDM_SUFFIXES, tdm_measurements
+from quietfix.diagrams.readers.measurements import MeasurementTable, read_measurements
+from quietfix.systems.clocks import Stepped, Times
+from quietfix.systems.playback.track_paths import TrackPaths
+from quietfix.systems.sensors.played_rows import PlayedRows, TableTrack
 
 __all__ = ["Played", "played", "table_of"]
 
 Array = NDArray[np.float64]
 
-_SAME = 4e-12  # relative; rows as near to each other as this are of one instant, see `systems.clocks.same_instant`
+_SAME = 4e-12  # relative; rows as near to each other as this are of one instant, see `clocks.same_instant`
 _LONG_GAP = 20.0  # medians of the steps, and seconds
 
 
@@ -73,7 +73,7 @@ class Played:
         return float(self.clock.ticks(np.inf)[-1])
 
     def __call__(self, bus: Bus) -> None:
-        """See `diagrams.assembly.model.Part`."""
+        """See `quietfix.diagrams.assembly.model.Part`."""
         block = bus.add(PlayedRows(self.tracks, self.noise_covariance))
         port = block.GetOutputPort("measurement")
         bus.publish(raw=port, measurement=port)

@@ -13,14 +13,14 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from diagrams.console.tables import Column, Styled, Table, three_digits
-from diagrams.quantities.frame import frame_of
-from diagrams.quantities.states import POSITION
-from diagrams.statistics.consistency import chi_square_band
-from diagrams.statistics.epochs import along
-from diagrams.writers.estimates import estimate_columns, write_estimates
-from diagrams.writers.tracks import write_tracks
-from systems.earth.geodetic import ecef_to_geodetic, enu_rotation
+from quietfix.diagrams.console.tables import Column, Styled, Table, three_digits
+from quietfix.diagrams.quantities.frame import frame_of
+from quietfix.diagrams.quantities.states import POSITION
+from quietfix.diagrams.statistics.consistency import chi_square_band
+from quietfix.diagrams.statistics.epochs import along
+from quietfix.diagrams.writers.estimates import estimate_columns, write_estimates
+from quietfix.diagrams.writers.tracks import write_tracks
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
 
 __all__ = ["MeasuredReport", "Told", "measured_report"]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from diagrams.own.declaring.sensing import Measured
-from diagrams.own.fields import kinds
-from diagrams.paths.places import Places
-from systems.measurement.base import MeasurementModel
-from systems.measurement.differenced import Differenced
+from quietfix.diagrams.own.declaring.sensing import Measured
+from quietfix.diagrams.own.fields import kinds
+from quietfix.diagrams.paths.places import Places
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.differenced import Differenced
 
 __all__ = ["Row", "rows_of"]
 

@@ -9,14 +9,14 @@ from pathlib import Path as FilePath
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.paths.functions import Path
-from diagrams.paths.records import Setting
-from diagrams.quantities.frame import Frame
-from diagrams.readers.measurements import numbers_of, texts_of, times_of
-from diagrams.readers.rows import Chunk, broken, chunks_of
-from systems.earth.geodetic import geodetic_to_ecef
-from systems.earth.time_scales import posix_to_tai
-from systems.plants.recorded import RecordedTruth, hermite
+from quietfix.diagrams.paths.functions import Path
+from quietfix.diagrams.paths.records import Setting
+from quietfix.diagrams.quantities.frame import Frame
+from quietfix.diagrams.readers.measurements import numbers_of, texts_of, times_of
+from quietfix.diagrams.readers.rows import Chunk, broken, chunks_of
+from quietfix.systems.earth.geodetic import geodetic_to_ecef
+from quietfix.systems.earth.time_scales import posix_to_tai
+from quietfix.systems.plants.recorded import RecordedTruth, hermite
 
 __all__ = ["read_truth"]
 

@@ -7,26 +7,26 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, cast
 
-from diagrams.own.classes.custom import Custom
-from diagrams.paths.places import Places
-from diagrams.quantities.frame import INERTIAL
-from diagrams.schema.errors import UserError
-from systems.angles.bearing import Bearing as BearingModel
-from systems.angles.horizon import HorizonBearing
-from systems.angles.phase import InterferometerPhase
-from systems.angles.relative_kinematics import ROWS, RelativeKinematics
-from systems.constants import SPEED_OF_LIGHT
-from systems.documented import documented, number, text
-from systems.estimators.phase_resolver import PhaseResolver
-from systems.measurement.altitude import Altitude as AltitudeModel
-from systems.measurement.base import MeasurementModel
-from systems.measurement.component import Component
-from systems.measurement.distance import Range as RangeModel
-from systems.measurement.fdoa import Fdoa as FdoaModel
-from systems.measurement.frequency import Frequency as FrequencyModel
-from systems.measurement.range_rate import RangeRate as RangeRateModel
-from systems.measurement.received_power import ReceivedPower
-from systems.measurement.tdoa import Tdoa as TdoaModel
+from quietfix.diagrams.own.classes.custom import Custom
+from quietfix.diagrams.paths.places import Places
+from quietfix.diagrams.quantities.frame import INERTIAL
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.angles.bearing import Bearing as BearingModel
+from quietfix.systems.angles.horizon import HorizonBearing
+from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.documented import documented, number, text
+from quietfix.systems.estimators.phase_resolver import PhaseResolver
+from quietfix.systems.measurement.altitude import Altitude as AltitudeModel
+from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.measurement.component import Component
+from quietfix.systems.measurement.distance import Range as RangeModel
+from quietfix.systems.measurement.fdoa import Fdoa as FdoaModel
+from quietfix.systems.measurement.frequency import Frequency as FrequencyModel
+from quietfix.systems.measurement.range_rate import RangeRate as RangeRateModel
+from quietfix.systems.measurement.received_power import ReceivedPower
+from quietfix.systems.measurement.tdoa import Tdoa as TdoaModel
 
 __all__ = [
     "Altitude",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from diagrams.paths.movers import Track
-from systems.documented import documented, text
+from quietfix.diagrams.paths.movers import Track
+from quietfix.systems.documented import documented, text
 
 __all__ = ["Measurements"]
 

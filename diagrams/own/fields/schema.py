@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from diagrams.own.classes import extra, motions, plants
-from diagrams.own.fields.measurements import Measurements
-from diagrams.own.fields.sensors import Sensor
-from diagrams.own.fields.starts import KnownHeight, Snapshot
-from diagrams.own.fields.view import Map
-from diagrams.parts.formation import EarthConstants, ReferenceOrbit
-from diagrams.paths.movers import Fixed, Mover, RandomMotion
-from diagrams.quantities.frame import Frame, as_frame
-from systems.documented import choice, documented, number
-from systems.options.choice import EstimatorChoice
+from quietfix.diagrams.own.classes import extra, motions, plants
+from quietfix.diagrams.own.fields.measurements import Measurements
+from quietfix.diagrams.own.fields.sensors import Sensor
+from quietfix.diagrams.own.fields.starts import KnownHeight, Snapshot
+from quietfix.diagrams.own.fields.view import Map
+from quietfix.diagrams.parts.formation import EarthConstants, ReferenceOrbit
+from quietfix.diagrams.paths.movers import Fixed, Mover, RandomMotion
+from quietfix.diagrams.quantities.frame import Frame, as_frame
+from quietfix.systems.documented import choice, documented, number
+from quietfix.systems.options.choice import EstimatorChoice
 
 __all__ = [
     "Belief",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from diagrams.own.fields import kinds
-from diagrams.own.fields.kinds import Kind
-from diagrams.paths.places import Timed
-from systems.documented import documented
+from quietfix.diagrams.own.fields import kinds
+from quietfix.diagrams.own.fields.kinds import Kind
+from quietfix.diagrams.paths.places import Timed
+from quietfix.systems.documented import documented
 
 __all__ = [
     "Altitude",

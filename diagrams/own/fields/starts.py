@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from systems.documented import choice, documented, number, text
+from quietfix.systems.documented import choice, documented, number, text
 
 __all__ = ["KnownHeight", "Snapshot"]
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from diagrams.assembly.map import View
-from diagrams.paths.functions import path_of
-from diagrams.paths.movers import Mover
-from diagrams.paths.records import Setting
-from diagrams.quantities.frame import Frame
-from diagrams.schema.errors import UserError
-from systems.documented import choice, documented, number
-from systems.trajectories.gravity import GravityConstants
+from quietfix.diagrams.assembly.map import View
+from quietfix.diagrams.paths.functions import path_of
+from quietfix.diagrams.paths.movers import Mover
+from quietfix.diagrams.paths.records import Setting
+from quietfix.diagrams.quantities.frame import Frame
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.documented import choice, documented, number
+from quietfix.systems.trajectories.gravity import GravityConstants
 
 __all__ = ["Map", "view_of"]
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
-from diagrams.schema.errors import UserError, shown
-from systems.earth.time_scales import SCALES, to_tai
-from systems.files import Unreadable, read_text
+from quietfix.diagrams.schema.errors import UserError, shown
+from quietfix.systems.earth.time_scales import SCALES, to_tai
+from quietfix.systems.files import Unreadable, read_text
 
 __all__ = ["KvnLine", "KvnText", "brief"]
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.readers.ccsds.kvn import KvnLine, KvnText, brief
-from diagrams.readers.ccsds.oem_covariance import Covariance, read_covariances
-from diagrams.readers.ccsds.oem_keywords import HEADER, MANDATORY, METADATA
-from diagrams.readers.ccsds.oem_rows import EphemerisRows
+from quietfix.diagrams.readers.ccsds.kvn import KvnLine, KvnText, brief
+from quietfix.diagrams.readers.ccsds.oem_covariance import Covariance, read_covariances
+from quietfix.diagrams.readers.ccsds.oem_keywords import HEADER, MANDATORY, METADATA
+from quietfix.diagrams.readers.ccsds.oem_rows import EphemerisRows
 
 __all__ = ["EphemerisMessage", "EphemerisSegment", "read_oem"]
 
@@ -34,7 +34,7 @@ class EphemerisSegment:
     metadata : dict of str to str
         All keywords and their values.
     second : ndarray of int, shape (k,)
-        Epochs, strictly increasing: whole seconds of TAI since 1970; see `systems.earth.time_scales`.
+        Epochs, strictly increasing: whole seconds of TAI since 1970; see `quietfix.systems.earth.time_scales`.
     rest : ndarray, shape (k,)
         And the rest [s].
     states : ndarray, shape (k, 6)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.readers.ccsds.kvn import KvnLine, KvnText, brief
+from quietfix.diagrams.readers.ccsds.kvn import KvnLine, KvnText, brief
 
 __all__ = ["Covariance", "read_covariances"]
 

@@ -13,8 +13,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.readers.ccsds.kvn import KvnLine, KvnText, brief
-from diagrams.readers.ccsds.tdm_keywords import CHOICES, CORRECTIONS, DATA, HEADER, INTEGERS, METADATA, NUMBERS, PHASES
+from quietfix.diagrams.readers.ccsds.kvn import KvnLine, KvnText, brief
+from quietfix.diagrams.readers.ccsds.tdm_keywords import (
+    CHOICES,
+    CORRECTIONS,
+    DATA,
+    HEADER,
+    INTEGERS,
+    METADATA,
+    NUMBERS,
+    PHASES,
+)
 
 __all__ = ["TrackingMessage", "TrackingRecords", "TrackingSegment", "read_tdm"]
 
@@ -34,7 +43,7 @@ class TrackingRecords:
     keywords : tuple of str
         What each is: RANGE, ANGLE_1, RECEIVE_FREQ_1 ...
     second : ndarray of int, shape (k,)
-        Time tags: whole seconds of TAI since 1970; see `systems.earth.time_scales`.
+        Time tags: whole seconds of TAI since 1970; see `quietfix.systems.earth.time_scales`.
     rest : ndarray, shape (k,)
         And the rest [s].
     value : ndarray, shape (k,)

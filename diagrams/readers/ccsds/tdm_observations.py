@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.readers.ccsds.tdm import TrackingMessage, TrackingRecords, TrackingSegment
-from diagrams.schema.errors import UserError
+from quietfix.diagrams.readers.ccsds.tdm import TrackingMessage, TrackingRecords, TrackingSegment
+from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["Link", "Observations", "message_of", "observations"]
 
@@ -101,7 +101,7 @@ class Observations:
     link : ndarray of int, shape (k,)
         Which each row is of.
     second : ndarray of int, shape (k,)
-        Whole seconds of TAI since 1970; see `systems.earth.time_scales`.
+        Whole seconds of TAI since 1970; see `quietfix.systems.earth.time_scales`.
     rest : ndarray, shape (k,)
         And the rest [s].
     value : ndarray, shape (k,)

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from diagrams.readers.ccsds.tdm import TrackingMessage, read_tdm
-from diagrams.readers.ccsds.tdm_observations import Link, Observations, observations
-from diagrams.readers.measurements import MeasurementTable, Series
-from diagrams.schema.errors import UserError, shown
-from systems.constants import SPEED_OF_LIGHT
+from quietfix.diagrams.readers.ccsds.tdm import TrackingMessage, read_tdm
+from quietfix.diagrams.readers.ccsds.tdm_observations import Link, Observations, observations
+from quietfix.diagrams.readers.measurements import MeasurementTable, Series
+from quietfix.diagrams.schema.errors import UserError, shown
+from quietfix.systems.constants import SPEED_OF_LIGHT
 
 __all__ = ["TDM_SUFFIXES", "tdm_measurements"]
 
@@ -34,7 +34,7 @@ _UNAMBIGUOUS = 1e6  # km: no range near the Earth is as long
 
 
 def tdm_measurements(path: Path) -> MeasurementTable:
-    """Read a Tracking Data Message as a table of measurements: `diagrams.readers.measurements.read_measurements`.
+    """Read a Tracking Data Message as a table of measurements: `read_measurements`.
 
     The target is the participant next to the receiver. What is integrated is taken as of the middle of its interval:
     a mean range rate over T is off that by :math:`T^2/24` of the range's third derivative. A message has no sigmas.

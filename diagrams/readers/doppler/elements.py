@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from diagrams.readers.rows import broken
-from diagrams.schema.errors import UserError
-from systems.files import Unreadable, read_bytes
+from quietfix.diagrams.readers.rows import broken
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.files import Unreadable, read_bytes
 
 __all__ = ["UNIX_EPOCH", "Elements", "checked_satellite", "read_elements"]
 

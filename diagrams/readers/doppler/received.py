@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.readers.rows import Chunk, broken, chunks_of
-from diagrams.schema.errors import UserError
-from systems.earth.time_scales import posix_of, posix_to_tai, to_tai
+from quietfix.diagrams.readers.rows import Chunk, broken, chunks_of
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.time_scales import posix_of, posix_to_tai, to_tai
 
 __all__ = ["Received", "read_received"]
 

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from diagrams.readers.rows import broken
-from diagrams.schema.errors import UserError
-from diagrams.schema.yaml_text import BadYaml, load_yaml
-from systems.files import Unreadable, read_bytes
+from quietfix.diagrams.readers.rows import broken
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.yaml_text import BadYaml, load_yaml
+from quietfix.systems.files import Unreadable, read_bytes
 
 __all__ = ["carrier_of", "read_station"]
 

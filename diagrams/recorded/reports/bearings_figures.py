@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from diagrams.figures.style import grid, new_figure
-from systems.fixes.von_mises import sample
+from quietfix.diagrams.figures.style import grid, new_figure
+from quietfix.systems.fixes.von_mises import sample
 
 if TYPE_CHECKING:
-    from diagrams.recorded.reports.bearings_report import BearingsReport
+    from quietfix.diagrams.recorded.reports.bearings_report import BearingsReport
 
 __all__ = ["draw_lines"]
 

@@ -13,11 +13,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.console.tables import Column, Table
-from diagrams.readers.bearings_file import Bearings
-from systems.angles.bearing import to_compass
-from systems.fixes.bearing_belief import BearingCost, believable, small_sample_coverage
-from systems.fixes.von_mises import DirectionFix, weighted_fix
+from quietfix.diagrams.console.tables import Column, Table
+from quietfix.diagrams.readers.bearings_file import Bearings
+from quietfix.systems.angles.bearing import to_compass
+from quietfix.systems.fixes.bearing_belief import BearingCost, believable, small_sample_coverage
+from quietfix.systems.fixes.von_mises import DirectionFix, weighted_fix
 
 __all__ = ["MOST", "BearingsReport", "Fix", "blocks_of", "sigma_of"]
 
@@ -58,7 +58,7 @@ class Fix:
     covariance : ndarray, shape (2, 2)
         [m^2]
     believable : bool
-        Whether its own ellipse can be believed, see `systems.fixes.bearing_belief`.
+        Whether its own ellipse can be believed, see `quietfix.systems.fixes.bearing_belief`.
     """
 
     position: Array
@@ -206,8 +206,8 @@ class BearingsReport:
 
     def draw(self, folder: Path) -> list[Path]:
         """See `Report.draw`: the lines of bearing and the fixes."""
-        from diagrams.figures.style import save
-        from diagrams.recorded.reports.bearings_figures import draw_lines
+        from quietfix.diagrams.figures.style import save
+        from quietfix.diagrams.recorded.reports.bearings_figures import draw_lines
 
         return [save(draw_lines(self), folder / "bearings.png")]
 

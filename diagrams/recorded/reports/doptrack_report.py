@@ -12,11 +12,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.console.tables import Column, Table
-from diagrams.quantities.states import POSITION
-from diagrams.recorded.settings.doptrack_settings import Settings
-from diagrams.recorded.settings.doptrack_stream import Stream, misfit, residual
-from systems.earth.geodetic import ecef_to_geodetic, enu_rotation
+from quietfix.diagrams.console.tables import Column, Table
+from quietfix.diagrams.quantities.states import POSITION
+from quietfix.diagrams.recorded.settings.doptrack_settings import Settings
+from quietfix.diagrams.recorded.settings.doptrack_stream import Stream, misfit, residual
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
 
 __all__ = ["DoptrackReport", "report"]
 

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from diagrams.figures.style import grid, new_figure
-from diagrams.parts.iq_comparison import PairResult
+from quietfix.diagrams.figures.style import grid, new_figure
+from quietfix.diagrams.parts.iq_comparison import PairResult
 
 __all__ = ["draw_differences"]
 

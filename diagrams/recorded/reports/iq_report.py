@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.console.tables import Column, Table
-from diagrams.parts.iq_comparison import PairResult
-from diagrams.recorded.settings.iq_settings import Settings
+from quietfix.diagrams.console.tables import Column, Table
+from quietfix.diagrams.parts.iq_comparison import PairResult
+from quietfix.diagrams.recorded.settings.iq_settings import Settings
 
 __all__ = ["IqReport"]
 
@@ -101,8 +101,8 @@ class IqReport:
 
     def draw(self, folder: Path) -> list[Path]:
         """See `Report.draw`: the figure, and the same numbers as CSV."""
-        from diagrams.figures.style import save
-        from diagrams.recorded.reports.iq_figures import draw_differences
+        from quietfix.diagrams.figures.style import save
+        from quietfix.diagrams.recorded.reports.iq_figures import draw_differences
 
         return [
             save(draw_differences(self.pairs, self.times, self.length), folder / "differences.png"),

@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from diagrams.figures.style import grid, new_figure
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.geodetic import ecef_to_geodetic
+from quietfix.diagrams.figures.style import grid, new_figure
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.geodetic import ecef_to_geodetic
 
 if TYPE_CHECKING:
-    from diagrams.recorded.reports.kiwisdr_report import KiwiReport
+    from quietfix.diagrams.recorded.reports.kiwisdr_report import KiwiReport
 
 __all__ = ["draw_differences", "draw_map"]
 
@@ -60,7 +60,7 @@ def _hyperbolas(axes: Any, result: KiwiReport) -> None:
     stations = result.data.stations
     low, high = _degrees(stations).min(axis=1) - 3, _degrees(stations).max(axis=1) + 3
     longitude, latitude = np.meshgrid(np.linspace(low[0], high[0], 300), np.linspace(low[1], high[1], 300))
-    from systems.earth.geodetic import geodetic_to_ecef
+    from quietfix.systems.earth.geodetic import geodetic_to_ecef
 
     place = geodetic_to_ecef(np.radians(latitude), np.radians(longitude), 0.0)
     distance = np.linalg.norm(place[..., None, :] - stations, axis=-1) / SPEED_OF_LIGHT

@@ -12,15 +12,15 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.console.tables import Column, Table
-from diagrams.parts.iq_comparison import PairResult, pair_result
-from diagrams.quantities.states import POSITION
-from diagrams.readers.kiwisdr_data import KiwiData
-from diagrams.recorded.settings.kiwisdr_settings import Settings
-from systems.constants import SPEED_OF_LIGHT
-from systems.earth.geodetic import ecef_to_geodetic, enu_rotation
-from systems.fixes.snapshot import snapshot_fix, starts_around
-from systems.measurement.base import MeasurementModel
+from quietfix.diagrams.console.tables import Column, Table
+from quietfix.diagrams.parts.iq_comparison import PairResult, pair_result
+from quietfix.diagrams.quantities.states import POSITION
+from quietfix.diagrams.readers.kiwisdr_data import KiwiData
+from quietfix.diagrams.recorded.settings.kiwisdr_settings import Settings
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
+from quietfix.systems.fixes.snapshot import snapshot_fix, starts_around
+from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["KiwiReport", "MastFix", "report"]
 
@@ -235,8 +235,8 @@ class KiwiReport:
 
     def draw(self, folder: Path) -> list[Path]:
         """See `Report.draw`: time differences against time, and the map."""
-        from diagrams.figures.style import save
-        from diagrams.recorded.reports.kiwisdr_figures import draw_differences, draw_map
+        from quietfix.diagrams.figures.style import save
+        from quietfix.diagrams.recorded.reports.kiwisdr_figures import draw_differences, draw_map
 
         return [
             save(draw_differences(self), folder / "time_differences.png"),

@@ -9,11 +9,11 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from diagrams.figures.style import grid, new_figure
-from systems.earth.geodetic import ecef_to_geodetic
+from quietfix.diagrams.figures.style import grid, new_figure
+from quietfix.systems.earth.geodetic import ecef_to_geodetic
 
 if TYPE_CHECKING:
-    from diagrams.recorded.reports.locards_report import LocardsReport
+    from quietfix.diagrams.recorded.reports.locards_report import LocardsReport
 
 __all__ = ["draw_errors", "draw_map", "draw_track_errors"]
 

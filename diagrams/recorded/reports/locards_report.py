@@ -11,13 +11,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from diagrams.console.tables import Column, Table
-from diagrams.quantities.states import POSITION
-from diagrams.readers.locards_data import LocardsSet, Track
-from diagrams.recorded.settings.locards_scores import METHODS, Scores, score
-from diagrams.recorded.settings.locards_settings import FALLBACK_M, Settings
-from diagrams.recorded.settings.locards_sigma import LEAST_MESSAGES
-from systems.estimators.arrival_gate import KEPT, REFUSED
+from quietfix.diagrams.console.tables import Column, Table
+from quietfix.diagrams.quantities.states import POSITION
+from quietfix.diagrams.readers.locards_data import LocardsSet, Track
+from quietfix.diagrams.recorded.settings.locards_scores import METHODS, Scores, score
+from quietfix.diagrams.recorded.settings.locards_settings import FALLBACK_M, Settings
+from quietfix.diagrams.recorded.settings.locards_sigma import LEAST_MESSAGES
+from quietfix.systems.estimators.arrival_gate import KEPT, REFUSED
 
 __all__ = ["LocardsReport", "Piece", "report"]
 
@@ -231,8 +231,8 @@ class LocardsReport:
 
     def draw(self, folder: Path) -> list[Path]:
         """See `Report.draw`."""
-        from diagrams.figures.style import save
-        from diagrams.recorded.reports.locards_figures import draw_errors, draw_map, draw_track_errors
+        from quietfix.diagrams.figures.style import save
+        from quietfix.diagrams.recorded.reports.locards_figures import draw_errors, draw_map, draw_track_errors
 
         figures = {"errors": draw_errors(self), "along_across": draw_track_errors(self), "map": draw_map(self)}
         return [save(figure, folder / f"{name}.png") for name, figure in figures.items()]

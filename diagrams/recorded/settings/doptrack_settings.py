@@ -1,16 +1,16 @@
-"""The scenario of `diagrams.recorded.doptrack`: what ``--set KEY=VALUE`` changes."""
+"""The scenario of `quietfix.diagrams.recorded.doptrack`: what ``--set KEY=VALUE`` changes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from systems.documented import Allowed, count, documented, number, text
-from systems.options.choice import EstimatorChoice
-from systems.options.iekf import Iekf
+from quietfix.systems.documented import Allowed, count, documented, number, text
+from quietfix.systems.options.choice import EstimatorChoice
+from quietfix.systems.options.iekf import Iekf
 
 if TYPE_CHECKING:
-    from diagrams.readers.doptrack_data import Pass
+    from quietfix.diagrams.readers.doptrack_data import Pass
 __all__ = ["ORDERS", "Selection", "Settings"]
 
 ORDERS = {"bias": 1, "bias_drift": 2, "bias_drift_rate": 3}

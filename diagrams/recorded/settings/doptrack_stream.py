@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from diagrams.readers.doptrack_data import Pass
-from diagrams.recorded.settings.doptrack_settings import Settings
-from diagrams.schema.errors import UserError
-from systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef
+from quietfix.diagrams.readers.doptrack_data import Pass
+from quietfix.diagrams.recorded.settings.doptrack_settings import Settings
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef
 
 __all__ = ["Stream", "batch_fix", "misfit", "read_stream", "residual", "start_at"]
 

@@ -1,13 +1,13 @@
-"""The scenario of `diagrams.recorded.iq`: what ``--set KEY=VALUE`` changes."""
+"""The scenario of `quietfix.diagrams.recorded.iq`: what ``--set KEY=VALUE`` changes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from systems.ambiguity.differences import Window
-from systems.ambiguity.prefilter import Band, Everything, Prefilter
-from systems.documented import documented, number
-from systems.options.choice import EstimatorChoice
+from quietfix.systems.ambiguity.differences import Window
+from quietfix.systems.ambiguity.prefilter import Band, Everything, Prefilter
+from quietfix.systems.documented import documented, number
+from quietfix.systems.options.choice import EstimatorChoice
 
 __all__ = ["Settings"]
 

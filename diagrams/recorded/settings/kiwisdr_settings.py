@@ -1,15 +1,15 @@
-"""The scenario of `diagrams.recorded.kiwisdr`: what ``--set KEY=VALUE`` changes."""
+"""The scenario of `quietfix.diagrams.recorded.kiwisdr`: what ``--set KEY=VALUE`` changes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from systems.ambiguity.differences import Window
-from systems.ambiguity.estimate import CrossAmbiguity
-from systems.ambiguity.prefilter import Band
-from systems.documented import documented, number, text
-from systems.options.choice import EstimatorChoice
-from systems.options.iekf import Iekf
+from quietfix.systems.ambiguity.differences import Window
+from quietfix.systems.ambiguity.estimate import CrossAmbiguity
+from quietfix.systems.ambiguity.prefilter import Band
+from quietfix.systems.documented import documented, number, text
+from quietfix.systems.options.choice import EstimatorChoice
+from quietfix.systems.options.iekf import Iekf
 
 __all__ = ["Settings"]
 

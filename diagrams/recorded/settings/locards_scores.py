@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.readers.locards_data import Track
-from systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
+from quietfix.diagrams.readers.locards_data import Track
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 
 __all__ = ["METHODS", "Scores", "headings", "score"]
 

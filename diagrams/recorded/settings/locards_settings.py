@@ -1,14 +1,14 @@
-"""The scenario of `diagrams.recorded.locards`: what ``--set KEY=VALUE`` changes."""
+"""The scenario of `quietfix.diagrams.recorded.locards`: what ``--set KEY=VALUE`` changes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from diagrams.schema.errors import choose
-from systems.documented import count, documented, number, text
-from systems.options.choice import EstimatorChoice
-from systems.options.iekf import Iekf
-from systems.registry import ESTIMATORS, object_at
+from quietfix.diagrams.schema.errors import choose
+from quietfix.systems.documented import count, documented, number, text
+from quietfix.systems.options.choice import EstimatorChoice
+from quietfix.systems.options.iekf import Iekf
+from quietfix.systems.registry import ESTIMATORS, object_at
 
 __all__ = ["FALLBACK_M", "LEAST_M", "Settings"]
 

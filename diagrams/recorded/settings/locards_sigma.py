@@ -20,12 +20,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import chi2
 
-from systems.constants import SPEED_OF_LIGHT
-from systems.fixes.snapshot import snapshot_fix, starts_around
-from systems.measurement.altitude import Altitude
-from systems.measurement.stack import Stack
-from systems.measurement.tdoa import Tdoa
-from systems.sensors.recorded import Recording
+from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.fixes.snapshot import snapshot_fix, starts_around
+from quietfix.systems.measurement.altitude import Altitude
+from quietfix.systems.measurement.stack import Stack
+from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.sensors.recorded import Recording
 
 __all__ = ["LEAST_MESSAGES", "residual_sigma"]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.noise import many_normal, uniform
+from quietfix.systems.noise import many_normal, uniform
 
 __all__ = ["Draws"]
 

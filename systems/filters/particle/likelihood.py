@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.gaussian import take
-from systems.filters.whitening import Whitener
-from systems.measurement.base import MeasurementModel
+from quietfix.systems.filters.gaussian import take
+from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["Likelihood", "Reading"]
 

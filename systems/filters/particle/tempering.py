@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.linear_algebra import dot
+from quietfix.systems.linear_algebra import dot
 
 __all__ = ["conditional_share", "next_exponent"]
 

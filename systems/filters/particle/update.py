@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.filters.particle.draws import Draws
-from systems.filters.particle.kernel import bandwidth, lost_spread, shrunk_kernel
-from systems.filters.particle.likelihood import Likelihood
-from systems.filters.particle.resampling import SCHEMES, parents
-from systems.filters.particle.tempering import next_exponent
-from systems.filters.particle.weights import effective_size, moments, normalise
-from systems.linear_algebra import cholesky
+from quietfix.systems.filters.particle.draws import Draws
+from quietfix.systems.filters.particle.kernel import bandwidth, lost_spread, shrunk_kernel
+from quietfix.systems.filters.particle.likelihood import Likelihood
+from quietfix.systems.filters.particle.resampling import SCHEMES, parents
+from quietfix.systems.filters.particle.tempering import next_exponent
+from quietfix.systems.filters.particle.weights import effective_size, moments, normalise
+from quietfix.systems.linear_algebra import cholesky
 
 __all__ = ["Cloud", "ParticleUpdate", "Updated"]
 

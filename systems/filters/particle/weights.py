@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from systems.linear_algebra import dot, symmetric
+from quietfix.systems.linear_algebra import dot, symmetric
 
 __all__ = ["effective_size", "moments", "normalise", "unique_sorted"]
 

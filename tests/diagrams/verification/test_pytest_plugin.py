@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 PROJECT = Path(__file__).parents[3]
-PLUGIN = "diagrams.verification.pytest_plugin"
+PLUGIN = "quietfix.diagrams.verification.pytest_plugin"
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(PROJECT)}
 
 THREE = """

@@ -2,8 +2,8 @@
 
 import pytest
 
-from diagrams.assembly.find import systems
-from diagrams.verification.verify import Verification
+from quietfix.diagrams.assembly.find import systems
+from quietfix.diagrams.verification.verify import Verification
 
 
 @pytest.mark.parametrize("system", systems())

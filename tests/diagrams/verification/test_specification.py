@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from diagrams.commands import command_line
-from diagrams.schema.errors import UserError
-from diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED, Limit, plan_looks
-from diagrams.verification.specification import read_specification
-from diagrams.verification.verify import Verification
+from quietfix.diagrams.commands import command_line
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED, Limit, plan_looks
+from quietfix.diagrams.verification.specification import read_specification
+from quietfix.diagrams.verification.verify import Verification
 
 GOOD = """
 system: three_satellite
@@ -120,7 +120,7 @@ def test_mistakes_are_one_clear_line(tmp_path, text, words):
 
 def test_a_class_without_the_needed_method(tmp_path):
     (tmp_path / "half_a_filter.py").write_text(
-        "from systems.filters.gaussian import GaussianFilter\n\n\nclass Half(GaussianFilter):\n    pass\n"
+        "from quietfix.systems.filters.gaussian import GaussianFilter\n\n\nclass Half(GaussianFilter):\n    pass\n"
     )
     with pytest.raises(UserError, match=r"estimators\.half\.class: half_a_filter:Half lacks \w+") as caught:
         Verification(written(tmp_path, GOOD.replace("r: iekf", "r: half_a_filter:Half"))).build()

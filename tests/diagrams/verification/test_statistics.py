@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom, binomtest, bootstrap
 
-from diagrams.commands.verifying import verification_figure
-from diagrams.statistics.intervals import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean
-from diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED, Limit, judge
-from diagrams.verification import metrics
-from diagrams.verification.specification import Requirement, Specification
-from diagrams.verification.verify import Finding, Report
+from quietfix.diagrams.commands.verifying import verification_figure
+from quietfix.diagrams.statistics.intervals import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean
+from quietfix.diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED, Limit, judge
+from quietfix.diagrams.verification import metrics
+from quietfix.diagrams.verification.specification import Requirement, Specification
+from quietfix.diagrams.verification.verify import Finding, Report
 
 STATISTICS = [MeanRatio(), MeanRatio(root=True), SignedMean(), Quantile(0.5), Quantile(0.9), Proportion()]
 

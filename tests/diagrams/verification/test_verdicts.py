@@ -12,8 +12,8 @@ import pytest
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from diagrams.statistics.intervals import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean
-from diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED, Limit, judge, plan_looks
+from quietfix.diagrams.statistics.intervals import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean
+from quietfix.diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED, Limit, judge, plan_looks
 
 CONFIDENCE = 0.95
 EPOCHS = 10

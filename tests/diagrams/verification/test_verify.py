@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagrams import run_study
-from diagrams.commands import command_line
-from diagrams.statistics.metrics import diverged, median, percentile, rmse
-from diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED
-from diagrams.statistics.state_errors import errors
-from diagrams.studies.marker import MARKER
-from diagrams.verification.verify import Verification, verify
+from quietfix.diagrams import run_study
+from quietfix.diagrams.commands import command_line
+from quietfix.diagrams.statistics.metrics import diverged, median, percentile, rmse
+from quietfix.diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED
+from quietfix.diagrams.statistics.state_errors import errors
+from quietfix.diagrams.studies.marker import MARKER
+from quietfix.diagrams.verification.verify import Verification, verify
 from tests.interrupts import listening
 
 PROJECT = Path(__file__).parents[3]
@@ -167,7 +167,7 @@ MINE = '''"""An iterated filter that forgets."""
 
 from dataclasses import dataclass
 
-from systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ def test_a_system_without_that_number(tmp_path):
 def test_interrupt_is_status_130(tmp_path):
     file = written(tmp_path, SHORT.replace("20]", "150]").replace("120", "200000") + LADDER[len(SHORT) :])
     environment = os.environ | {"PYTHONPATH": str(PROJECT)}
-    arguments = [sys.executable, "-m", "diagrams.commands.command_line", "verify", str(file), "--out", "out"]
+    arguments = [sys.executable, "-m", "quietfix.diagrams.commands.command_line", "verify", str(file), "--out", "out"]
     process = subprocess.Popen(
         arguments, cwd=tmp_path, stderr=subprocess.PIPE, text=True, env=environment, preexec_fn=listening
     )

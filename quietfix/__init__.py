@@ -1,0 +1,40 @@
+"""Quietfix: passive location and tracking as Drake block diagrams.
+
+`quietfix.systems` holds models, filters and the Drake blocks around them; `quietfix.diagrams` wires them to systems and
+runs studies of them.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from quietfix.diagrams.assembly.find import find
+    from quietfix.diagrams.assembly.system import System
+    from quietfix.diagrams.commands.catalogue import load_scenario
+    from quietfix.diagrams.experiments.compare import compare
+    from quietfix.diagrams.experiments.observability import observe
+    from quietfix.diagrams.experiments.sweep import sweep
+    from quietfix.diagrams.studies.whole import run_study
+    from quietfix.diagrams.verification.verify import verify
+
+__all__ = ["System", "compare", "find", "load_scenario", "observe", "run_study", "sweep", "verify"]
+
+_WHERE = {
+    "System": "assembly.system",
+    "compare": "experiments.compare",
+    "find": "assembly.find",
+    "load_scenario": "commands.catalogue",
+    "observe": "experiments.observability",
+    "run_study": "studies.whole",
+    "sweep": "experiments.sweep",
+    "verify": "verification.verify",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use: the command line must answer before Drake is loaded."""
+    if name in _WHERE:
+        return getattr(importlib.import_module(f"quietfix.diagrams.{_WHERE[name]}"), name)
+    raise AttributeError(f"module 'quietfix' has no attribute {name!r}")
