@@ -370,7 +370,12 @@ BREAKS = {
     ),
     "too long": ("duration=scenario.duration_s", "duration=1e9", "at most 1000000 epochs", None),
     "a part raises": ('lambda: Constant("stations", stations)', "lambda: 1 / 0", "ZeroDivisionError", "lambda: 1 / 0"),
-    "no measurement": ('gives=["measurement"]', 'gives=["measured"]', "signal: measurement is not there", None),
+    "no measurement": (
+        'gives=["measurement"]',
+        'gives=["measured"]',
+        "iekf: it needs measurement, which nothing in this system gives",
+        None,
+    ),
     "two of a name": ('TargetSensor("sensor"', 'TargetSensor("stations"', "the name stations is not allowed", None),
     "assume raises": ("        return Assumed(", "        return Assumed[", "SyntaxError", "return Assumed["),
     "assume lacks": (

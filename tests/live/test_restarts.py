@@ -231,7 +231,7 @@ def test_it_is_for_systems_in_yaml():
 
 def running(folder, *options):
     """The command in a process of its own, its output in files."""
-    command = [sys.executable, "-m", "diagrams", "live", str(DRONE), "--estimator", "ekf", *options]
+    command = [sys.executable, "-m", "quietfix", "live", str(DRONE), "--estimator", "ekf", *options]
     environment = os.environ | {"PYTHONPATH": str(PROJECT)}
     folder.mkdir()
     with (folder / "out").open("w") as out, (folder / "err").open("w") as err:
