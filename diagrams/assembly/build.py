@@ -260,5 +260,5 @@ def _estimator(model: Model, bus: Bus, name: str, options: Any) -> Estimator:
     for i in range(block.num_input_ports()):
         port = block.get_input_port(i).get_name()
         if port not in assumed.feedback and takes.get(port, port) not in bus:
-            raise UserError(f"{name}: it needs {takes.get(port, port)}, which nothing in this system gives")
+            raise ValueError(f"{name}: it needs {takes.get(port, port)}, which nothing in this system gives")
     return bus.add(block, takes=takes, feedback=assumed.feedback)
