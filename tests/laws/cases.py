@@ -42,6 +42,7 @@ from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
 from quietfix.systems.motion.current_statistical import CurrentStatistical
 from quietfix.systems.motion.custom import CustomMotion
+from quietfix.systems.motion.drifting_bias import DriftingBias
 from quietfix.systems.motion.gauss_markov import GaussMarkov
 from quietfix.systems.motion.known_flight import KnownFlight
 from quietfix.systems.motion.orbital import OrbitalMotion
@@ -321,6 +322,7 @@ MOTIONS = {
     "current statistical, no bias": (CurrentStatistical(2.0, *_LIMITS, 5.0, [], "filtered"), _FLIGHT[:, :9]),
     "known flight": (KnownFlight([20.0]), _FLIGHT),
     "random walk": (RandomWalk([0.1, 2.0], ["a", "b"], ["m/s", "rad"]), np.array([[1.0, 2.0], [30.0, -4.0]])),
+    "drifting bias": (DriftingBias(0.3, 2e-4), np.array([[3.0, 0.1], [-20.0, 0.5]])),
     "side by side": (
         SideBySide([WhiteNoiseAcceleration(0.5), RandomWalk([0.1], ["bias"], ["m/s"])]),
         np.append(_STATE, 30.0)[None] * [[1.0], [1.01]],

@@ -112,7 +112,8 @@ def begin(around: Surroundings) -> tuple[Begin, list[Part]]:
         return _snapshot(field, around), []
     if isinstance(field, KnownHeight):
         return _known_height(field, around)
-    spread = spread_of(scenario, field.sigma_position_m, field.sigma_velocity_mps, field.sigma_offset_hz)
+    oscillator = field.sigma_offset_hz, field.sigma_drift_hzps
+    spread = spread_of(scenario, field.sigma_position_m, field.sigma_velocity_mps, oscillator)
     if isinstance(field, Given):
         mean, constants = np.zeros(around.states), gravity_constants(scenario.constants)
         mean[:6] = path_of(field.at, scenario.axes, around.setting, constants, "start.at")(0.0)

@@ -30,6 +30,7 @@ from quietfix.systems.clocks import Clock
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.motion import constant_velocity
 from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.motion.drifting_bias import DriftingBias
 from quietfix.systems.motion.orbital import OrbitalMotion
 from quietfix.systems.motion.random_walk import RandomWalk
 from quietfix.systems.motion.side_by_side import SideBySide
@@ -61,9 +62,19 @@ def with_bias(scenario: OwnScenario, motion: MotionModel, walk: float | None) ->
     """Return a target's motion with the oscillator's beside it, where there is one."""
     if scenario.oscillator is None:
         return motion
-    wander = scenario.oscillator.walk_hz2ps if walk is None else walk
-    density = wander * _metres_per_hertz(scenario.oscillator) ** 2
-    return SideBySide([motion, RandomWalk([density], ["bias"], ["m/s"])])
+    return SideBySide([motion, _wander(scenario.oscillator, walk)])
+
+
+def _wander(oscillator: Oscillator, walk: float | None = None) -> MotionModel:
+    """Return how the oscillator's error moves; `walk` [Hz^2/s] instead of its own."""
+    square = _metres_per_hertz(oscillator) ** 2
+    density = square * (oscillator.walk_hz2ps if walk is None else walk)
+    if oscillator.drift_hzps is not None:
+        return DriftingBias(density, square * oscillator.drift_walk_hz2ps3)
+    for field in ("sigma_drift_hzps", "drift_walk_hz2ps3"):
+        if value := getattr(oscillator, field):
+            raise UserError(f"oscillator.{field}: {value:g} is not allowed without drift_hzps; 0, or a drift_hzps")
+    return RandomWalk([density], ["bias"], ["m/s"])
 
 
 def _metres_per_hertz(oscillator: Oscillator) -> float:
@@ -86,12 +97,18 @@ def true_motion(scenario: OwnScenario, believed: MotionModel) -> MotionModel | N
     return None if motion is None else with_bias(scenario, motion, None)
 
 
-def spread_of(scenario: OwnScenario, position: float, velocity: float, offset_hz: float) -> Array:
-    """Return the covariance of a state: standard deviations per axis [m], [m/s], of the oscillator [Hz]."""
+def spread_of(scenario: OwnScenario, position: float, velocity: float, oscillator: tuple[float, float]) -> Array:
+    """Return the covariance of a state: standard deviations per axis [m], [m/s], of the oscillator [Hz], [Hz/s]."""
     sigmas = [position] * 3 + [velocity] * 3
     if scenario.oscillator is not None:
-        sigmas.append(offset_hz * _metres_per_hertz(scenario.oscillator))
+        sigmas += _of_oscillator(scenario.oscillator, oscillator)
     return np.diag(np.square(sigmas))
+
+
+def _of_oscillator(oscillator: Oscillator, numbers: tuple[float, float]) -> list[float]:
+    """Return numbers [Hz], [Hz/s] as those of its states [m/s], [m/s^2]."""
+    states = 1 if oscillator.drift_hzps is None else 2
+    return [number * _metres_per_hertz(oscillator) for number in numbers[:states]]
 
 
 @dataclass(frozen=True)
@@ -106,9 +123,10 @@ class Target:
     def __call__(self, bus: Bus) -> None:
         """See `quietfix.diagrams.assembly.model.Part`."""
         target, oscillator = self.scenario.target, self.scenario.oscillator
-        bias, drawn = [], 0.0
+        bias, drawn = [], (0.0, 0.0)
         if oscillator is not None:
-            bias, drawn = [-oscillator.offset_hz * _metres_per_hertz(oscillator)], oscillator.sigma_offset_hz
+            bias = _of_oscillator(oscillator, (-oscillator.offset_hz, -(oscillator.drift_hzps or 0.0)))
+            drawn = oscillator.sigma_offset_hz, oscillator.sigma_drift_hzps
         if isinstance(target, RandomMotion):
             about = spread_of(self.scenario, target.sigma_position_m, target.sigma_velocity_mps, drawn)
             motion = with_bias(self.scenario, self.motion, None)
@@ -118,11 +136,10 @@ class Target:
         if oscillator is None:
             bus.publish(target=flight, truth=flight)
             return
-        density = oscillator.walk_hz2ps * _metres_per_hertz(oscillator) ** 2
-        walk = RandomWalk([density], ["bias"], ["m/s"])
-        variance = [[(drawn * _metres_per_hertz(oscillator)) ** 2]]
-        trials = bus.trials if drawn or density else 1
-        bus.add(ModelPlant(walk, self.clock, bias, variance, trials, name="oscillator"))
+        variance = np.diag(np.square(_of_oscillator(oscillator, drawn)))
+        random = any(drawn) or oscillator.walk_hz2ps or oscillator.drift_walk_hz2ps3
+        trials = bus.trials if random else 1
+        bus.add(ModelPlant(_wander(oscillator), self.clock, bias, variance, trials, name="oscillator"))
         parts = {"flight": "flight.state", "oscillator": "oscillator.state"}
         shapes = {name: bus.shape(signal) for name, signal in parts.items()}
         bus.add(Joined(shapes, "target"), gives={"target": "state", "truth": "state"}, takes=parts)

@@ -51,12 +51,17 @@ class Orbital:
 
 @dataclass
 class Oscillator:
-    """The emitter's oscillator; its error is the state ``bias``, as a range rate [m/s]."""
+    """The emitter's oscillator; its error is the state ``bias``, as a range rate [m/s], its drift ``bias_rate``."""
 
     carrier_mhz: float = number("nominal carrier frequency [MHz]", 400.0, above=0)
     offset_hz: float = number("mean error at t = 0: too high is positive [Hz]", 0.0)
     sigma_offset_hz: float = number("standard deviation of that error from trial to trial [Hz]", 0.0, at_least=0)
     walk_hz2ps: float = number("variance that it gains per second by a random walk [Hz^2/s]", 0.0, at_least=0)
+    drift_hzps: float | None = number(
+        "mean rate of its growth [Hz/s]; a number, 0 too, makes the rate a state of its own; null: it has none", None
+    )
+    sigma_drift_hzps: float = number("standard deviation of that rate from trial to trial [Hz/s]", 0.0, at_least=0)
+    drift_walk_hz2ps3: float = number("variance that the rate gains per second [Hz^2/s^3]", 0.0, at_least=0)
 
 
 @dataclass
@@ -82,6 +87,7 @@ class Prior:
     sigma_position_m: float = number("standard deviation of the position per axis [m]", 1000.0, above=0)
     sigma_velocity_mps: float = number("standard deviation of the velocity per axis [m/s]", 50.0, above=0)
     sigma_offset_hz: float = number("standard deviation of the oscillator's error [Hz]", 1000.0, above=0)
+    sigma_drift_hzps: float = number("standard deviation of its rate, where it drifts [Hz/s]", 1.0, above=0)
 
 
 @dataclass
@@ -92,6 +98,7 @@ class Given:
     sigma_position_m: float = number("standard deviation of the position per axis [m]", 1000.0, above=0)
     sigma_velocity_mps: float = number("standard deviation of the velocity per axis [m/s]", 50.0, above=0)
     sigma_offset_hz: float = number("standard deviation of the oscillator's error, taken as 0 [Hz]", 1000.0, above=0)
+    sigma_drift_hzps: float = number("the same of its rate, where it drifts [Hz/s]", 1.0, above=0)
 
 
 @dataclass
