@@ -32,13 +32,13 @@ from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.starts.start import Start
 
-__all__ = ["PREVIEW", "Ra", "RaPaper", "RangeDecomposed"]
+__all__ = ["Ra", "RaPaper", "RangeDecomposed"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-PREVIEW = 12  # numbers per epoch on the preview port: six rows and the observer's state
-_SLOT = PREVIEW + 1  # in the window, with the time
+_PREVIEW = 12  # numbers per epoch on the preview port: six rows and the observer's state
+_SLOT = _PREVIEW + 1  # in the window, with the time
 
 
 class _Belief(NamedTuple):
@@ -150,13 +150,13 @@ class RangeDecomposed(Estimator):
 
     def _declare_ports(self) -> None:
         if self.look_ahead:
-            self.declare_input("preview", self.wiring.trials, self.plane_epochs * PREVIEW)
+            self.declare_input("preview", self.wiring.trials, self.plane_epochs * _PREVIEW)
         super()._declare_ports()
 
     def _begin(self, context: Context, discrete: DiscreteValues) -> None:
         super()._begin(context, discrete)
         if self.look_ahead:
-            ahead = self.read(context, "preview").reshape(-1, self.plane_epochs, PREVIEW)
+            ahead = self.read(context, "preview").reshape(-1, self.plane_epochs, _PREVIEW)
             normal, count_ = self._find_plane(ahead)
             self._replace(discrete, "normal", normal)
             self._replace(discrete, "count", count_)
@@ -277,7 +277,7 @@ class RangeDecomposed(Estimator):
         full = rows[slots == self.plane_epochs - 1]
         if full.size == 0:
             return full
-        normal, count_ = self._find_plane(window[full, :, :PREVIEW])
+        normal, count_ = self._find_plane(window[full, :, :_PREVIEW])
         memory["normal"][full], memory["count"][full, 0] = normal, count_
         return full[count_ > 0]
 
@@ -288,7 +288,7 @@ class RangeDecomposed(Estimator):
         memory["covariance"][rows] = memory["window_covariance"][rows]
         last = memory["epochs"][rows].copy()
         nis, dof = np.full(rows.size, np.nan), np.zeros(rows.size)
-        times = window[:, :, PREVIEW]
+        times = window[:, :, _PREVIEW]
         for j in range(self.plane_epochs):
             if j > 0:
                 self._advance(memory, rows, times[:, j] - times[:, j - 1])

@@ -15,7 +15,6 @@ from quietfix.diagrams.parts.sensor_errors import SensorErrors
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.clocks import Periodic
 from quietfix.systems.estimators.base import Estimator
-from quietfix.systems.options.range_decomposed import PREVIEW
 from quietfix.systems.plants.orbit import DenseOrbit
 from quietfix.systems.plants.recorded import RecordedTruth
 from quietfix.systems.sensors.platform_error import PlatformError
@@ -47,7 +46,8 @@ def orbit_block(scenario: Scenario, state: Array, name: str) -> DenseOrbit:
 
 def add_preview(scenario: Scenario, clock: Periodic, bus: Bus, block: Estimator) -> str:
     """Add what the sensor will read, for an estimator that looks ahead; return its signal."""
-    name, epochs = block.get_name(), block.GetInputPort("preview").size() // (bus.trials * PREVIEW)
+    per_epoch = bus.shape("measured")[1] + bus.shape("platforms")[1]
+    name, epochs = block.get_name(), block.GetInputPort("preview").size() // (bus.trials * per_epoch)
     if scenario.truth.errors != SensorErrors():
         raise UserError(
             f"estimators.{name}: {name} is not allowed with truth.errors; it is given what the sensor will read"
