@@ -5,15 +5,30 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-__all__ = ["Source", "System", "find", "load_scenario", "run_study", "systems"]
+__all__ = [
+    "Source",
+    "System",
+    "compare",
+    "find",
+    "load_scenario",
+    "observe",
+    "run_study",
+    "sweep",
+    "systems",
+    "verify",
+]
 
 _WHERE = {
     "Source": "quietfix.diagrams.readers.data",
     "System": "quietfix.diagrams.assembly.system",
+    "compare": "quietfix.diagrams.experiments.compare",
     "find": "quietfix.diagrams.assembly.find",
     "load_scenario": "quietfix.diagrams.commands.catalogue",
+    "observe": "quietfix.diagrams.experiments.observability",
     "run_study": "quietfix.diagrams.studies.whole",
+    "sweep": "quietfix.diagrams.experiments.sweep",
     "systems": "quietfix.diagrams.assembly.find",
+    "verify": "quietfix.diagrams.verification.verify",
 }
 
 

@@ -21,20 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["System", "compare", "find", "load_scenario", "observe", "run_study", "sweep", "verify"]
 
-_WHERE = {
-    "System": "assembly.system",
-    "compare": "experiments.compare",
-    "find": "assembly.find",
-    "load_scenario": "commands.catalogue",
-    "observe": "experiments.observability",
-    "run_study": "studies.whole",
-    "sweep": "experiments.sweep",
-    "verify": "verification.verify",
-}
-
 
 def __getattr__(name: str) -> Any:
     """Import on first use: the command line must answer before Drake is loaded."""
-    if name in _WHERE:
-        return getattr(importlib.import_module(f"quietfix.diagrams.{_WHERE[name]}"), name)
+    if name in __all__:
+        return getattr(importlib.import_module("quietfix.diagrams"), name)
     raise AttributeError(f"module 'quietfix' has no attribute {name!r}")
