@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.diagrams.readers.doppler.elements import UNIX_EPOCH
-from quietfix.systems.celestial import equinox_to_earth_fixed
 from quietfix.systems.constants import EARTH_MU, EARTH_RATE, SPEED_OF_LIGHT
+from quietfix.systems.earth.celestial import equinox_to_earth_fixed
 from quietfix.systems.earth.frames import earth_fixed_to_inertial
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
 

@@ -15,7 +15,7 @@ from quietfix.diagrams.paths.movers import Oem
 from quietfix.diagrams.paths.records import Setting, file_of, of_field, stamp_of
 from quietfix.diagrams.readers.ccsds.oem import EphemerisMessage, EphemerisSegment, read_oem
 from quietfix.diagrams.schema.errors import UserError
-from quietfix.systems.celestial import equinox_to_earth_fixed, j2000_to_earth_fixed
+from quietfix.systems.earth.celestial import equinox_to_earth_fixed, j2000_to_earth_fixed
 from quietfix.systems.earth.frames import earth_fixed_to_inertial
 from quietfix.systems.earth.time_scales import posix_of, posix_to_tai, to_tai
 from quietfix.systems.plants.ephemeris import spline_samples

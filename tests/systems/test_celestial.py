@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quietfix.systems.celestial import equinox_to_earth_fixed
+from quietfix.systems.earth.celestial import equinox_to_earth_fixed
 from quietfix.systems.earth.time_scales import LEAP_SECONDS, posix_of, posix_to_tai, to_tai
 from quietfix.systems.plants.ephemeris import hermite_states, spline_samples
 from quietfix.systems.plants.recorded import hermite
@@ -20,7 +20,10 @@ def test_sidereal_time():
 
 def test_nutation_and_obliquity():
     """Meeus, example 22.a: on 1987 April 10.0 TD -3.788 and 9.443 arcseconds, true obliquity 23 deg 26' 36.850"."""
-    from quietfix.systems.celestial import _nutation, _precession  # the printed values are of parts, not of the whole
+    from quietfix.systems.earth.celestial import (  # the printed values are of parts, not of the whole
+        _nutation,
+        _precession,
+    )
 
     t = np.array([-0.127296372348])
     matrix, equinoxes = _nutation(t)
