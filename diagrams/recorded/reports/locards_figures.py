@@ -80,7 +80,7 @@ def draw_track_errors(result: LocardsReport) -> Figure:
     late.set_xlabel(f"age of the reported position at {_CRUISE:g} m/s [s]")
     right.legend(frameon=False)
     grid(right)
-    figure.suptitle("LocaRDS: error along and across the course, {result.labels[0]}")
+    figure.suptitle(f"LocaRDS: error along and across the course, {result.labels[0]}")
     return figure
 
 
