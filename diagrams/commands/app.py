@@ -366,10 +366,9 @@ def replay(
     ] = None,
 ) -> None:
     """Run a recording: `quietfix run DATASET` in fewer words."""
-    from quietfix.diagrams.commands.running import replay_command
+    from quietfix.diagrams.commands.replay import replay as run_recording
 
-    asked = {"estimators": estimators, "settings": settings}
-    replay_command(dataset, {k: v for k, v in asked.items() if v}, out, overwrite, data, file)
+    run_recording(dataset, data, out, True, file, settings or (), estimators, overwrite)
 
 
 @app.command()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from quietfix.diagrams.assembly.find import Found
 from quietfix.diagrams.assembly.recorded import Report
+from quietfix.diagrams.commands.running import run_command
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.studies.recordings import find_recording
 
@@ -55,8 +56,6 @@ def replay(
         For an unknown recording, missing or broken data, a setting that is not allowed, or a folder that cannot be
         written.
     """
-    from quietfix.diagrams.commands.running import run_command
-
     found = find_recording(dataset)
     found.system.load(settings=settings)  # mistakes there show before anything is read
     files = [Path(file)] if isinstance(file, str | Path) else [Path(one) for one in file or ()]

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from quietfix.diagrams.assembly.recorded import Report
     from quietfix.diagrams.studies.study import Study
 
-__all__ = ["draw_command", "gdop_command", "observe_command", "replay_command", "run_command"]
+__all__ = ["draw_command", "gdop_command", "observe_command", "run_command"]
 
 
 def run_command(
@@ -290,17 +290,3 @@ def observe_command(
     print_observability(found, system)
     if out is not None:
         print(f"wrote {out}: summary.json, figures")
-
-
-def replay_command(
-    dataset: str,
-    asked: Mapping[str, Any],
-    out: Path | None,
-    overwrite: bool,
-    data: Path | None = None,
-    file: list[Path] | None = None,
-) -> None:
-    """Run a recording; see ``quietfix replay --help``."""
-    from quietfix.diagrams.commands.replay import replay
-
-    replay(dataset, data, out, True, file, overwrite=overwrite, **asked)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from quietfix.diagrams.figures.style import grid, new_figure
 from quietfix.systems.constants import SPEED_OF_LIGHT
-from quietfix.systems.earth.geodetic import ecef_to_geodetic
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef
 
 if TYPE_CHECKING:
     from quietfix.diagrams.recorded.reports.kiwisdr_report import KiwiReport
@@ -60,8 +60,6 @@ def _hyperbolas(axes: Any, result: KiwiReport) -> None:
     stations = result.data.stations
     low, high = _degrees(stations).min(axis=1) - 3, _degrees(stations).max(axis=1) + 3
     longitude, latitude = np.meshgrid(np.linspace(low[0], high[0], 300), np.linspace(low[1], high[1], 300))
-    from quietfix.systems.earth.geodetic import geodetic_to_ecef
-
     place = geodetic_to_ecef(np.radians(latitude), np.radians(longitude), 0.0)
     distance = np.linalg.norm(place[..., None, :] - stations, axis=-1) / SPEED_OF_LIGHT
     for (pair, found), colour in zip(result.pairs.items(), _COLOURS, strict=False):
