@@ -16,6 +16,7 @@ from quietfix.systems.estimators.kalman import KalmanEstimator
 from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.measurement.base import positive
 from quietfix.systems.motion.azimuth_rate import AzimuthRate
 from quietfix.systems.starts.start import Start
@@ -127,27 +128,19 @@ class AzimuthFilter(KalmanEstimator):
         """See `Estimator.predict`."""
         return {**super().predict(memory, dt, epoch), "piece": memory["piece"]}
 
-    def update(
-        self,
-        memory: Memory,
-        measurement: Array,
-        platforms: Array,
-        noise_covariance: Array | None,
-        epoch: Epoch,
-    ) -> tuple[Memory, Innovation]:
+    def update(self, memory: Memory, observation: Observation, epoch: Epoch) -> tuple[Memory, Innovation]:
         """See `Estimator.update`; the innovation is against the old piece."""
-        posterior, innovation = super().update(memory, measurement, platforms, noise_covariance, epoch)
-        piece = self._piece_at(epoch.time)
-        restart = (memory["piece"][:, 0] < piece) & np.isfinite(measurement[:, 0])
+        posterior, innovation = super().update(memory, observation, epoch)
+        piece, measured = self._piece_at(epoch.time), observation.value[:, 0]
+        restart = (memory["piece"][:, 0] < piece) & np.isfinite(measured)
         if not restart.any():
             return {**posterior, "piece": memory["piece"]}, innovation
         prior = memory["mean"]
         fresh = np.empty_like(prior)
-        fresh[:, 0] = prior[:, 0] + wrap(measurement[:, 0] - prior[:, 0])
+        fresh[:, 0] = prior[:, 0] + wrap(measured - prior[:, 0])
         fresh[:, 1] = prior[:, 1] if self.keep_rate else 0.0
         variance = np.array(np.broadcast_to(self._fresh, prior.shape))
-        if noise_covariance is not None:
-            variance[:, 0] = noise_covariance[:, 0, 0]
+        variance[:, 0] = observation.noise_covariance[..., 0, 0]
         spread = (variance[:, :, None] * np.eye(2)).reshape(prior.shape[0], 4)
         return {
             "mean": np.where(restart[:, None], fresh, posterior["mean"]),

@@ -21,7 +21,8 @@ from quietfix.systems.clocks import at_ticks, same_instant
 from quietfix.systems.counting import tally
 from quietfix.systems.estimators.memory import TO_COME, Epoch, Innovation, Memory, Remembered
 from quietfix.systems.estimators.wiring import Wiring
-from quietfix.systems.filters.whitening import unknown_rows
+from quietfix.systems.filters.observation import Observation
+from quietfix.systems.filters.whitening import Whitener, unknown_rows
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.signals import EnsembleBlock, components_of
@@ -68,6 +69,7 @@ class Estimator(EnsembleBlock):
         if absent:
             raise ValueError(f"{name}: rows {absent} are not measured; there are {list(wiring.stream)}")
         self.model = model
+        self._whitener = Whitener(model.noise_covariance())
         self.motion = motion
         self.start = start
         self.wiring = wiring
@@ -136,18 +138,11 @@ class Estimator(EnsembleBlock):
         """Return the memory `dt` seconds later."""
 
     @abstractmethod
-    def update(
-        self,
-        memory: Memory,
-        measurement: Array,
-        platforms: Array,
-        noise_covariance: Array | None,
-        epoch: Epoch,
-    ) -> tuple[Memory, Innovation]:
-        """Return the memory given a measurement, and the innovation.
+    def update(self, memory: Memory, observation: Observation, epoch: Epoch) -> tuple[Memory, Innovation]:
+        """Return the memory given an observation, and the innovation.
 
-        A row that is NaN is left out in its trial; `noise_covariance` (trials, m, m), where there is one, may be NaN
-        in such a row. A trial whose memory is NaN has not started, or is lost: it stays so.
+        A row whose value is NaN is left out in its trial, and its noise covariance may be NaN. A trial whose memory is
+        NaN has not started, or is lost: it stays so.
         """
 
     @abstractmethod
@@ -288,8 +283,9 @@ class Estimator(EnsembleBlock):
         told = None if math.isfinite(measurement.sum()) else ~np.isnan(measurement).all(axis=-1) & started
         if told is not None and not told.any():
             return Remembered(memory, self._nothing(), started, True)
-        platforms = self._read_platforms(context)
-        updated, innovation = self.update(memory, measurement, platforms, noise, self._epoch(context))
+        whitener = self._whitener if noise is None else Whitener(noise)
+        observation = Observation(measurement, self._read_platforms(context), whitener)
+        updated, innovation = self.update(memory, observation, self._epoch(context))
         if told is not None and not told.all():
             # Even an update by nothing rounds, and alone such a trial is not updated at all.
             updated = {

@@ -15,6 +15,7 @@ from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import predict_extended
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.fixes.bearing_likelihood import BearingHistory
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
@@ -153,22 +154,15 @@ class BearingLocator(Estimator):
         mean, covariance = predict_extended(*self.moments(memory), self.motion, dt)
         return {**memory, "mean": mean, "covariance": covariance.reshape(mean.shape[0], -1)}
 
-    def update(
-        self,
-        memory: Memory,
-        measurement: Array,
-        platforms: Array,
-        noise_covariance: Array | None,
-        epoch: Epoch,
-    ) -> tuple[Memory, Innovation]:
+    def update(self, memory: Memory, observation: Observation, epoch: Epoch) -> tuple[Memory, Innovation]:
         """See `Estimator.update`."""
+        measurement, platforms = observation.value, observation.platforms
         trials, n = measurement.shape[0], self.motion.size
-        noise = self.model.noise_covariance() if noise_covariance is None else noise_covariance
-        variance = np.broadcast_to(np.einsum("...ii->...i", noise), measurement.shape)
+        variance = np.broadcast_to(np.einsum("...ii->...i", observation.noise_covariance), measurement.shape)
         place = np.broadcast_to(platforms[:, self.sensor.platform, : self.axes], (trials, self.axes))
         sighting = Sighting(measurement, variance, place, epoch.time)
         mean, covariance = self.moments(memory)
-        innovation = self._innovation(mean, covariance, measurement, platforms, noise)
+        innovation = self._innovation(mean, covariance, observation)
 
         known = np.all(np.isfinite(mean), axis=-1)
         if not known.all():
@@ -182,12 +176,10 @@ class BearingLocator(Estimator):
         covariance = np.where(good[:, None, None], uncertain, covariance)
         return {"mean": mean, "covariance": covariance.reshape(trials, n * n), **kept}, innovation
 
-    def _innovation(
-        self, mean: Array, covariance: Array, measurement: Array, platforms: Array, noise: Array
-    ) -> Innovation:
-        value, jacobian = self.model.linearize(mean, platforms)
-        residual = self.model.residual(measurement, value)
-        spread = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2) + noise
+    def _innovation(self, mean: Array, covariance: Array, observation: Observation) -> Innovation:
+        value, jacobian = self.model.linearize(mean, observation.platforms)
+        residual = self.model.residual(observation.value, value)
+        spread = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2) + observation.noise_covariance
         there = np.isfinite(residual) & np.isfinite(np.einsum("...ii->...i", spread))
         gone = ~(there[..., :, None] & there[..., None, :])
         left = np.where(there, residual, 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +14,10 @@ from quietfix.systems.angles.phase import InterferometerPhase
 from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
 from quietfix.systems.estimators.wiring import Wiring
-from quietfix.systems.filters.gaussian import GaussianFilter, take
+from quietfix.systems.filters.gaussian import GaussianFilter
 from quietfix.systems.filters.hypotheses import branch, in_doubt, log_evidence, mixture, reweigh
-from quietfix.systems.filters.square_root import Posterior
-from quietfix.systems.filters.whitening import Whitener, missing_rows
+from quietfix.systems.filters.observation import Observation
+from quietfix.systems.filters.whitening import missing_rows
 from quietfix.systems.linear_algebra import symmetric
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.measurement.stack import Stack
@@ -60,20 +61,6 @@ class _Living(NamedTuple):
         """Return some of them."""
         trial, slot, mean, covariance, weight, integers = self
         return _Living(trial[rows], slot[rows], mean[rows], covariance[rows], weight[rows], integers[rows])
-
-
-class _Reading(NamedTuple):
-    """What each living hypothesis is told: measurement (living, m), platforms, and R where it comes with them."""
-
-    value: Array
-    platforms: Array
-    noise: Array | None
-
-    def rows(self, rows: Index) -> _Reading:
-        """Return what some of them are told."""
-        return _Reading(
-            self.value[rows], take(self.platforms, rows), None if self.noise is None else take(self.noise, rows)
-        )
 
 
 class HypothesisBank(Estimator):
@@ -128,7 +115,7 @@ class HypothesisBank(Estimator):
         phases = phases_of(model)
         self._phases = Stack(phases) if phases else None
         self._phase_rows = [model.names.index(row) for part in phases for row in part.names]
-        self._whitener = Whitener(model.noise_covariance())
+        self._is_phase = np.isin(np.arange(model.size), self._phase_rows)
         super().__init__(name, model, motion, start, wiring)
         after = {self.posterior_ticket}
         trials = wiring.trials
@@ -230,27 +217,19 @@ class HypothesisBank(Estimator):
             "covariances": self._spread(living, covariance, trials).reshape(trials, -1),
         }
 
-    def update(
-        self,
-        memory: Memory,
-        measurement: Array,
-        platforms: Array,
-        noise_covariance: Array | None,
-        epoch: Epoch,
-    ) -> tuple[Memory, Innovation]:
+    def update(self, memory: Memory, observation: Observation, epoch: Epoch) -> tuple[Memory, Innovation]:
         """See `Estimator.update`."""
-        trials = measurement.shape[0]
+        trials = observation.value.shape[0]
         living = self._living(memory)
-        everything = _Reading(measurement, platforms, noise_covariance)
-        living, reading = self._resolve(living, everything.rows(living.trial))
-        result = self._update(living, reading)
+        living, told = self._resolve(living, observation.rows(living.trial))
+        result = self.algorithm.update(living.mean, living.covariance, told, self.model)
 
         finite = np.isfinite(result.mean).all(axis=-1) & np.isfinite(result.covariance).all(axis=(-1, -2))
         likelihood = np.where(finite, 0.0, -np.inf)
         rivals = np.flatnonzero(finite & (np.bincount(living.trial, minlength=trials)[living.trial] > 1))
         if rivals.size:
             likelihood[rivals] = self._likelihood(
-                living.rows(rivals), reading.rows(rivals), result.mean[rivals], result.covariance[rivals]
+                living.rows(rivals), told.rows(rivals), result.mean[rivals], result.covariance[rivals]
             )
         weights = reweigh(
             self._spread(living, living.weight, trials, 0.0),
@@ -268,26 +247,25 @@ class HypothesisBank(Estimator):
 
     # ---- one epoch of the living
 
-    def _resolve(self, living: _Living, reading: _Reading) -> tuple[_Living, _Reading]:
+    def _resolve(self, living: _Living, told: Observation) -> tuple[_Living, Observation]:
         """Add whole cycles to the phases; a hypothesis that leaves several possible branches."""
         if self._phases is None:
-            return living, reading
-        value = reading.value.copy()
+            return living, told
+        value = told.value.copy()
         wrapped = wrap(value[:, self._phase_rows])
-        turns, sigma = self._turns(living.mean, living.covariance, wrapped, reading.platforms)
+        turns, sigma = self._turns(living.mean, living.covariance, wrapped, told.platforms)
         vague = np.flatnonzero(in_doubt(turns, sigma))
         if vague.size:
             # After a gap: with what the other rows say of the place, fewer integers are left.
-            silent = reading.rows(vague)
-            silent.value[:, self._phase_rows] = np.nan
-            told = self._update(living.rows(vague), silent)
-            turns[vague], sigma[vague] = self._turns(told.mean, told.covariance, wrapped[vague], silent.platforms)
+            doubtful, silent = living.rows(vague), told.rows(vague).without(self._is_phase)
+            after = self.algorithm.update(doubtful.mean, doubtful.covariance, silent, self.model)
+            turns[vague], sigma[vague] = self._turns(after.mean, after.covariance, wrapped[vague], silent.platforms)
         parent, whole, slot = branch(turns, sigma, living.weight, living.trial, living.slot, self.hypotheses)
         value = value[parent]
         value[:, self._phase_rows] = wrapped[parent] + 2 * np.pi * whole
         chosen = living.rows(parent)
         integers = np.where(np.isfinite(whole), whole, chosen.integers)
-        return chosen._replace(slot=slot, integers=integers), reading.rows(parent)._replace(value=value)
+        return chosen._replace(slot=slot, integers=integers), replace(told.rows(parent), value=value)
 
     def _turns(self, mean: Array, covariance: Array, wrapped: Array, platforms: Array) -> tuple[Array, Array]:
         """Return predicted minus wrapped phases and the standard deviation of that, both in cycles."""
@@ -296,18 +274,10 @@ class HypothesisBank(Estimator):
         variance = np.einsum("...mi,...mi->...m", rows @ covariance, rows) + self._phases.sigmas**2
         return (predicted - wrapped) / (2 * np.pi), np.sqrt(variance) / (2 * np.pi)
 
-    def _whiten(self, reading: _Reading) -> Whitener:
-        return self._whitener if reading.noise is None else Whitener(reading.noise)
-
-    def _update(self, living: _Living, reading: _Reading) -> Posterior:
-        return self.algorithm.update(
-            living.mean, living.covariance, reading.value, reading.platforms, self.model, self._whiten(reading)
-        )
-
-    def _likelihood(self, living: _Living, reading: _Reading, mean: Array, covariance: Array) -> Array:
+    def _likelihood(self, living: _Living, told: Observation, mean: Array, covariance: Array) -> Array:
         """Return the log-likelihood of what each hypothesis is told, given its belief before and after."""
-        residual = self.model.residual(reading.value, self.model.predict(mean, reading.platforms))
+        residual = self.model.residual(told.value, self.model.predict(mean, told.platforms))
         missing = missing_rows(residual)
         present = residual if missing is None else np.where(missing, 0.0, residual)
-        whitened = np.einsum("...ij,...j->...i", self._whiten(reading).matrix(missing), present)
+        whitened = np.einsum("...ij,...j->...i", told.whitener.matrix(missing), present)
         return log_evidence((living.mean, living.covariance), (mean, covariance), whitened)

@@ -11,8 +11,8 @@ from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.robust import StudentRows
-from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.starts.start import Start
@@ -48,7 +48,6 @@ class KalmanEstimator(Estimator):
             tailed = [i for i, row in enumerate(model.names) if row in wiring.tails.rows]
             algorithm = StudentRows(algorithm, wiring.tails.freedom, tailed)
         self.algorithm = algorithm
-        self._whitener = Whitener(model.noise_covariance())
         super().__init__(name, model, motion, start, wiring)
 
     def memory_sizes(self) -> Mapping[str, int]:
@@ -78,24 +77,16 @@ class KalmanEstimator(Estimator):
         mean, covariance = self.algorithm.predict(*self.moments(memory), motion, dt)
         return {"mean": mean, "covariance": covariance.reshape(mean.shape[0], -1), **carried}
 
-    def update(
-        self,
-        memory: Memory,
-        measurement: Array,
-        platforms: Array,
-        noise_covariance: Array | None,
-        epoch: Epoch,
-    ) -> tuple[Memory, Innovation]:
+    def update(self, memory: Memory, observation: Observation, epoch: Epoch) -> tuple[Memory, Innovation]:
         """See `Estimator.update`; a trial without a finite belief is set aside and stays so."""
         mean, covariance = self.moments(memory)
-        whitener = self._whitener if noise_covariance is None else Whitener(noise_covariance)
         lost = None
         if not np.isfinite(mean.sum() + covariance.sum()):
             lost = ~(np.all(np.isfinite(mean), axis=-1) & np.all(np.isfinite(covariance), axis=(-1, -2)))
             mean = np.where(lost[:, None], 1.0, mean)
             covariance = np.where(lost[:, None, None], np.eye(mean.shape[-1]), covariance)
-            measurement = np.where(lost[:, None], np.nan, measurement)
-        result = self.algorithm.update(mean, covariance, measurement, platforms, self.model, whitener)
+            observation = observation.without(lost[:, None])
+        result = self.algorithm.update(mean, covariance, observation, self.model)
         posterior = {**memory, "mean": result.mean, "covariance": result.covariance.reshape(mean.shape[0], -1)}
         if lost is not None:
             posterior = {group: np.where(lost[:, None], np.nan, value) for group, value in posterior.items()}

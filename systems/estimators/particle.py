@@ -13,13 +13,12 @@ from pydrake.systems.framework import Context
 from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
 from quietfix.systems.estimators.wiring import Wiring
-from quietfix.systems.filters.gaussian import take
+from quietfix.systems.filters.observation import Observation, take
 from quietfix.systems.filters.particle.draws import Draws
 from quietfix.systems.filters.particle.health import COLUMNS, LEAST_EVIDENCE, evidence, follow, normalised_innovation
 from quietfix.systems.filters.particle.likelihood import Likelihood, Reading
 from quietfix.systems.filters.particle.update import Cloud, ParticleUpdate
 from quietfix.systems.filters.particle.weights import effective_size, moments, normalise, unique_sorted
-from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.linear_algebra import semidefinite_root
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
@@ -100,7 +99,6 @@ class ParticleEstimator(Estimator):
         if window < 0:
             raise ValueError(f"{name}: window: {window} is not allowed; a whole number >= 0")
         self.particle_update, self.particles, self.window, self.restart = particle_update, particles, window, restart
-        self._whitener = Whitener(model.noise_covariance())
         super().__init__(name, model, motion, start, wiring)
         for i, port in enumerate(_PORTS):
             health = partial(self._health, i)
@@ -269,16 +267,9 @@ class ParticleEstimator(Estimator):
     def _moments_of(cloud: Cloud) -> tuple[Array, Array]:
         return moments(cloud.particles, normalise(cloud.log_weight)[0])
 
-    def update(
-        self,
-        memory: Memory,
-        measurement: Array,
-        platforms: Array,
-        noise_covariance: Array | None,
-        epoch: Epoch,
-    ) -> tuple[Memory, Innovation]:
+    def update(self, memory: Memory, observation: Observation, epoch: Epoch) -> tuple[Memory, Innovation]:
         """See `Estimator.update`."""
-        trials, m, n = measurement.shape[0], self.model.size, self.motion.size
+        trials, m, n = observation.value.shape[0], self.model.size, self.motion.size
         carried = {"motion_input": memory["motion_input"]} if self.motion.input_size else {}
         posterior = {name: np.empty_like(value) for name, value in memory.items() if name not in carried}
         posterior |= {"mean": np.empty((trials, n)), "covariance": np.empty((trials, n * n))}
@@ -286,10 +277,8 @@ class ParticleEstimator(Estimator):
         draws = self._draws(epoch)
         for group in self._groups_of_trials():
             part = {name: value[group] for name, value in memory.items()}
-            whitener = self._whitener if noise_covariance is None else Whitener(noise_covariance[group])
-            group_platforms = platforms if platforms.shape[0] == 1 else platforms[group]
-            reading = Reading(self.model, measurement[group], group_platforms, whitener)
-            given = draws.of(np.arange(group.start, group.stop))
+            index = np.arange(group.start, group.stop)
+            reading, given = Reading(self.model, observation.rows(index)), draws.of(index)
             new = {name: value[group] for name, value in posterior.items()}
             value, nis, rows = self._correct_group(part, reading, given, new)
             innovation.value[group], innovation.nis[group], innovation.nis_dof[group] = value, nis, rows
@@ -303,7 +292,7 @@ class ParticleEstimator(Estimator):
         prior, n = self._cloud(memory), self.motion.size
         everyone = np.arange(len(prior.particles))
         residual = reading.residual(prior.particles, everyone)
-        missing = ~np.isfinite(reading.measurement)
+        missing = ~np.isfinite(reading.observation.value)
         whole = bool(np.isfinite(residual.sum()))
         if not whole:
             missing |= ~np.isfinite(residual).any(axis=1)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
 from quietfix.systems.estimators.wiring import Wiring
-from quietfix.systems.filters.gaussian import GaussianFilter, take
-from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.starts.bearing_start import BearingStart
@@ -92,7 +92,6 @@ class RangeParameterised(Estimator):
         middles, sigmas = self._ranges
         # Of the mixture that the hypotheses are at the start.
         self.sigma_distance = float(np.sqrt(np.mean(sigmas**2 + middles**2) - middles.mean() ** 2))
-        self._whitener = Whitener(model.noise_covariance())
         self._from = start
         super().__init__(name, model, motion, _EveryRange(start, *self._ranges), wiring)
 
@@ -128,34 +127,21 @@ class RangeParameterised(Estimator):
             "log_weights": memory["log_weights"],
         }
 
-    def update(
-        self,
-        memory: Memory,
-        measurement: Array,
-        platforms: Array,
-        noise_covariance: Array | None,
-        epoch: Epoch,
-    ) -> tuple[Memory, Innovation]:
+    def update(self, memory: Memory, observation: Observation, epoch: Epoch) -> tuple[Memory, Innovation]:
         """See `Estimator.update`; a trial without a finite belief stays without."""
-        count, (trials, m) = self.hypotheses, measurement.shape
+        count, (trials, m) = self.hypotheses, observation.value.shape
         mean, covariance = self._bank(memory)
         n = mean.shape[-1]
         lost = ~np.all(np.isfinite(memory["means"]), axis=-1)
         alone = np.repeat(lost, count)
         mean = np.where(alone[:, None], 1.0, mean)
         covariance = np.where(alone[:, None, None], np.eye(n), covariance)
-        measured = np.repeat(np.where(lost[:, None], np.nan, measurement), count, axis=0)
-        repeated = take(platforms, np.repeat(np.arange(trials), count))
-        noise = self.model.noise_covariance()
-        whitener = self._whitener
-        if noise_covariance is not None:
-            noise = np.repeat(noise_covariance, count, axis=0)
-            whitener = Whitener(noise)
-        value, jacobian = self.model.linearize(mean, repeated)
-        spread = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2) + noise
-        residual = self.model.residual(measured, value)
+        each = observation.without(lost[:, None]).rows(np.repeat(np.arange(trials), count))
+        value, jacobian = self.model.linearize(mean, each.platforms)
+        spread = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2) + each.noise_covariance
+        residual = self.model.residual(each.value, value)
         likelihood = _log_density(residual, spread)
-        result = self.algorithm.update(mean, covariance, measured, repeated, self.model, whitener)
+        result = self.algorithm.update(mean, covariance, each, self.model)
 
         prior = np.where(lost[:, None], 0.0, memory["log_weights"])
         weights = prior + likelihood.reshape(trials, count)

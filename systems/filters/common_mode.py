@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.filters.gaussian import GaussianFilter, WrappingFilter
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.square_root import Posterior
 from quietfix.systems.filters.unscented import UnscentedKalman
 from quietfix.systems.filters.whitening import Whitener, missing_rows
@@ -107,22 +108,14 @@ class CommonModeMonitor(WrappingFilter):
             if math.isnan(value) or value <= 0:
                 raise ValueError(f"{name}: {value} is not allowed; a number > 0")
 
-    def update(
-        self,
-        mean: Array,
-        covariance: Array,
-        measurement: Array,
-        platforms: Array,
-        model: MeasurementModel,
-        whitener: Whitener,
-    ) -> Posterior:
+    def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:
         """See `GaussianFilter.update`."""
-        value, jacobian = model.linearize(mean, platforms)
-        innovation = model.residual(measurement, value)
-        g, n, jump = common_mode_statistics(covariance, innovation, jacobian, whitener, self.state)
+        value, jacobian = model.linearize(mean, observation.platforms)
+        innovation = model.residual(observation.value, value)
+        g, n, jump = common_mode_statistics(covariance, innovation, jacobian, observation.whitener, self.state)
         mixed = n > self.gate
         if mixed.any():
-            measurement = np.where(mixed[..., None], np.nan, measurement)
+            observation = observation.without(mixed[..., None])
         switched = (g > self.switch) & ~mixed
         if switched.any():
             mean, covariance = mean.copy(), covariance.copy()
@@ -130,4 +123,4 @@ class CommonModeMonitor(WrappingFilter):
             covariance[switched, self.state, :] = 0.0
             covariance[switched, :, self.state] = 0.0
             covariance[switched, self.state, self.state] = self.reset_sigma**2
-        return self.algorithm.update(mean, covariance, measurement, platforms, model, whitener)
+        return self.algorithm.update(mean, covariance, observation, model)

@@ -7,13 +7,13 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.square_root import Posterior
-from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.linear_algebra import symmetric
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 
-__all__ = ["GaussianFilter", "WrappingFilter", "predict_extended", "take"]
+__all__ = ["GaussianFilter", "WrappingFilter", "predict_extended"]
 
 Array = NDArray[np.float64]
 
@@ -26,29 +26,17 @@ class GaussianFilter(ABC):
         return predict_extended(mean, covariance, motion, dt)
 
     @abstractmethod
-    def update(
-        self,
-        mean: Array,
-        covariance: Array,
-        measurement: Array,
-        platforms: Array,
-        model: MeasurementModel,
-        whitener: Whitener,
-    ) -> Posterior:
-        """Return the posterior given a measurement.
+    def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:
+        """Return the posterior given an observation.
 
         Parameters
         ----------
         mean, covariance : ndarray, shapes (trials, n) and (trials, n, n)
             Prior, finite.
-        measurement : ndarray, shape (trials, m)
-            NaN where a row is missing: that row is left out in that trial.
-        platforms : ndarray, shape (1 or trials, p, 6)
-            Known platforms.
+        observation : Observation
+            What was measured.
         model : MeasurementModel
             What the filter believes of the sensor.
-        whitener : Whitener
-            The noise covariance that the filter believes in, factored.
         """
 
 
@@ -76,8 +64,3 @@ def predict_extended(mean: Array, covariance: Array, motion: MotionModel, dt: fl
     phi = motion.transition(mean, dt)
     spread = phi @ covariance @ np.swapaxes(phi, -1, -2)
     return motion.propagate(mean, dt), symmetric(spread) + motion.process_noise(mean, dt)
-
-
-def take(platforms: Array, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Array:
-    """Return the platforms of some trials; those that all trials share stay as they are."""
-    return platforms if platforms.shape[0] == 1 else platforms[rows]

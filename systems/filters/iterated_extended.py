@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.filters.gaussian import GaussianFilter, take
+from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.filters.observation import Observation, linearised, take
 from quietfix.systems.filters.square_root import Gains, Posterior, report
-from quietfix.systems.filters.whitening import Whitener, missing_rows
 from quietfix.systems.linear_algebra import cholesky
 from quietfix.systems.measurement.base import MeasurementModel
 
@@ -50,28 +50,15 @@ class IteratedExtendedKalman(GaussianFilter):
         if not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise ValueError(f"tolerance: {self.tolerance} is not allowed; a finite number > 0")
 
-    def update(
-        self,
-        mean: Array,
-        covariance: Array,
-        measurement: Array,
-        platforms: Array,
-        model: MeasurementModel,
-        whitener: Whitener,
-    ) -> Posterior:
+    def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:
         """See `GaussianFilter.update`."""
         root = cholesky(covariance)
-        value, jacobian = model.linearize(mean, platforms)
-        innovation = model.residual(measurement, value)
-        missing = missing_rows(innovation, jacobian)
-        if missing is not None:
-            innovation, jacobian = _without(missing, innovation, jacobian)
-        weight = whitener.matrix(missing)
+        innovation, jacobian, weight, missing = linearised(observation, model, mean)
         gains = Gains(root, weight @ (jacobian @ root))
         step, nis = gains.update((weight @ innovation[..., None])[..., 0])
         state = mean + step
         if self.max_iterations > 1:
-            trials = _Trials(mean, root, measurement, platforms, weight, missing)
+            trials = _Trials(mean, root, observation.value, observation.platforms, weight, missing)
             gains = self._iterate(trials, model, state, step, gains)
 
         return report(state, gains.covariance(), innovation, nis, missing)
@@ -91,7 +78,8 @@ class IteratedExtendedKalman(GaussianFilter):
             value, jacobian = model.linearize(here, trials.platforms)
             residual = model.residual(trials.measurement, value)
             if trials.missing is not None:
-                residual, jacobian = _without(trials.missing, residual, jacobian)
+                residual = np.where(trials.missing, 0.0, residual)
+                jacobian = np.where(trials.missing[..., None], 0.0, jacobian)
             local = trials.weight @ (jacobian @ trials.root)
             pulled = residual + (jacobian @ (here - trials.mean)[..., None])[..., 0]
             correction = Gains(trials.root, local).correction((trials.weight @ pulled[..., None])[..., 0])
@@ -130,7 +118,3 @@ class _Trials(NamedTuple):
             self.weight if self.weight.ndim == 2 else self.weight[which],
             None if self.missing is None else self.missing[which],
         )
-
-
-def _without(missing: NDArray[np.bool_], residual: Array, jacobian: Array) -> tuple[Array, Array]:
-    return np.where(missing, 0.0, residual), np.where(missing[..., None], 0.0, jacobian)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.filters.observation import Observation, linearised
 from quietfix.systems.filters.square_root import Gains, Posterior, report
-from quietfix.systems.filters.whitening import Whitener, missing_rows
 from quietfix.systems.linear_algebra import cholesky
 from quietfix.systems.measurement.base import MeasurementModel
 
@@ -36,24 +36,12 @@ class ModifiedGainKalman(GaussianFilter):
     of a wide prior, and the EKF's where g = H.
     """
 
-    def update(
-        self,
-        mean: Array,
-        covariance: Array,
-        measurement: Array,
-        platforms: Array,
-        model: MeasurementModel,
-        whitener: Whitener,
-    ) -> Posterior:
+    def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:
         """See `GaussianFilter.update`."""
-        value, jacobian = model.linearize(mean, platforms)
-        modified_gain = model.modified_gain(measurement, mean, platforms)
-        innovation = model.residual(measurement, value)
-        missing = missing_rows(innovation, jacobian)
+        innovation, jacobian, weight, missing = linearised(observation, model, mean)
+        modified_gain = model.modified_gain(observation.value, mean, observation.platforms)
         if missing is not None:
-            innovation = np.where(missing, 0.0, innovation)
-            jacobian, modified_gain = (np.where(missing[..., None], 0.0, rows) for rows in (jacobian, modified_gain))
-        weight = whitener.matrix(missing)
+            modified_gain = np.where(missing[..., None], 0.0, modified_gain)
         root = cholesky(covariance)
         gains = Gains(root, weight @ (jacobian @ root))
         step, nis = gains.update((weight @ innovation[..., None])[..., 0])

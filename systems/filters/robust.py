@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from quietfix.systems.filters.gaussian import GaussianFilter, WrappingFilter
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.square_root import Posterior
-from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["StudentRows"]
@@ -50,21 +50,13 @@ class StudentRows(WrappingFilter):
         if math.isnan(self.freedom) or self.freedom <= 0:
             raise ValueError(f"freedom: {self.freedom} is not allowed; degrees of freedom > 0")
 
-    def update(
-        self,
-        mean: Array,
-        covariance: Array,
-        measurement: Array,
-        platforms: Array,
-        model: MeasurementModel,
-        whitener: Whitener,
-    ) -> Posterior:
+    def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:
         """See `GaussianFilter.update`."""
         if math.isinf(self.freedom):
-            return self.algorithm.update(mean, covariance, measurement, platforms, model, whitener)
-        value, jacobian = model.linearize(mean, platforms)
-        innovation = model.residual(measurement, value)
-        noise = np.broadcast_to(whitener.covariance, (*innovation.shape, innovation.shape[-1]))
+            return self.algorithm.update(mean, covariance, observation, model)
+        value, jacobian = model.linearize(mean, observation.platforms)
+        innovation = model.residual(observation.value, value)
+        noise = np.broadcast_to(observation.noise_covariance, (*innovation.shape, innovation.shape[-1]))
         own = np.einsum("...ij,...jk,...ik->...i", jacobian, covariance, jacobian)
         ratio = innovation**2 / (own + np.einsum("...ii->...i", noise))
         # A missing row is left out by the filter itself; its weight only has to be a number.
@@ -74,5 +66,5 @@ class StudentRows(WrappingFilter):
             kept[list(self.rows)] = False
             scale = np.where(kept, 1.0, scale)
         root = np.sqrt(scale)
-        weighted = Whitener(noise * root[..., :, None] * root[..., None, :])
-        return self.algorithm.update(mean, covariance, measurement, platforms, model, weighted)
+        weighted = observation.with_noise(noise * root[..., :, None] * root[..., None, :])
+        return self.algorithm.update(mean, covariance, weighted, model)

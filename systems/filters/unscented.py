@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.filters.gaussian import GaussianFilter, predict_extended
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.square_root import Gains, Posterior, report
-from quietfix.systems.filters.whitening import Whitener, missing_rows
+from quietfix.systems.filters.whitening import missing_rows
 from quietfix.systems.linear_algebra import cholesky, inverse_lower, symmetric
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
@@ -78,26 +79,18 @@ class UnscentedKalman(GaussianFilter):
         predicted = symmetric(predicted) + motion.process_noise(mean, dt)
         return (middle + shift)[..., 0, :], predicted
 
-    def update(
-        self,
-        mean: Array,
-        covariance: Array,
-        measurement: Array,
-        platforms: Array,
-        model: MeasurementModel,
-        whitener: Whitener,
-    ) -> Posterior:
+    def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:
         """See `GaussianFilter.update`."""
         n = mean.shape[-1]
         c, weight, centre = self._weights(n)
         root = cholesky(covariance)
-        values = model.predict(_points(mean, c * root), platforms[:, None])
+        values = model.predict(_points(mean, c * root), observation.platforms[:, None])
         middle = values[..., :1, :]
         moved = model.residual(values[..., 1:, :], middle)
         plus, minus = moved[..., :n, :], moved[..., n:, :]
         even = 0.5 * (plus + minus)
         shift = 2 * weight * even.sum(axis=-2)
-        innovation = model.residual(measurement, middle[..., 0, :]) - shift
+        innovation = model.residual(observation.value, middle[..., 0, :]) - shift
 
         missing = missing_rows(innovation)  # what is missing in one of the points is so in their mean
         odd = (plus - minus) / (2 * c)
@@ -105,7 +98,7 @@ class UnscentedKalman(GaussianFilter):
             innovation = np.where(missing, 0.0, innovation)
             odd, even = (np.where(missing[..., None, :], 0.0, part) for part in (odd, even))
             shift = np.where(missing, 0.0, shift)
-        w = whitener.matrix(missing)
+        w = observation.whitener.matrix(missing)
         bends = (even - shift[..., None, :]) @ np.swapaxes(w, -1, -2)
         bend = (w @ shift[..., None])[..., 0]
         omega = 2 * weight * (np.swapaxes(bends, -1, -2) @ bends)

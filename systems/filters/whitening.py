@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -73,6 +75,15 @@ class Whitener:
     def covariance(self) -> Array:
         """R, as given."""
         return self._covariance
+
+    def rows(self, which: NDArray[np.intp] | Mask) -> Whitener:
+        """Return that of some trials alone; one that all trials share stays as it is."""
+        if self._covariance.ndim == 2:
+            return self
+        some = copy(self)
+        some._covariance, some._full = self._covariance[which], self._full[which]
+        some._whole = self._whole or bool(np.isfinite(np.sum(some._covariance)))
+        return some
 
     def matrix(self, missing: Mask | None) -> Array:
         """Return W, shape (m, m) or (..., m, m), for rows of which `missing` (..., m) are not there.

@@ -18,6 +18,7 @@ from quietfix.systems.estimators.options import EstimatorOptions
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import predict_extended
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.fixes.orbit_plane import (
     Pattern,
@@ -184,15 +185,9 @@ class RangeDecomposed(Estimator):
 
     # ---- the update
 
-    def update(
-        self,
-        memory: Memory,
-        measurement: Array,
-        platforms: Array,
-        noise_covariance: Array | None,
-        epoch: Epoch,
-    ) -> tuple[Memory, Innovation]:
+    def update(self, memory: Memory, observation: Observation, epoch: Epoch) -> tuple[Memory, Innovation]:
         """See `Estimator.update`."""
+        measurement, platforms = observation.value, observation.platforms
         trials = measurement.shape[0]
         memory = {group: value.copy() for group, value in memory.items()}
         observer = np.broadcast_to(platforms[:, self._observer], (trials, 6))
@@ -243,8 +238,8 @@ class RangeDecomposed(Estimator):
         stands = np.where(usable[:, None, None], noise, np.eye(3))
         here = np.where(usable[:, None], mean, 1.0)
         spread = np.where(usable[:, None, None], covariance, np.eye(6))
-        measured = np.where(usable[:, None], position, np.nan)
-        result = self._algorithm.update(here, spread, measured, platforms, self.position, Whitener(stands))
+        measured = Observation(np.where(usable[:, None], position, np.nan), platforms, Whitener(stands))
+        result = self._algorithm.update(here, spread, measured, self.position)
         used = usable
         if self._gate is not None:
             with np.errstate(invalid="ignore"):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from quietfix.systems.angles.direction import BodyDirection
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.observation import Observation, take
 from quietfix.systems.filters.square_root import Gains
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.fixes.ray_height import ray_at_height
@@ -126,11 +127,9 @@ class DirectionStart(CloudStart):
             full[:, -1, -1] = self._altitude.sigma**2
             guess = np.concatenate([place[able], np.zeros((able.sum(), 3))], axis=-1)
             prior = np.broadcast_to(self._vague(), (len(guess), 6, 6))
-            able_platforms = platforms if platforms.shape[0] == 1 else platforms[able]
             given = np.concatenate([rows, height], axis=-1)[able]
-            found = IteratedExtendedKalman(20, 1e-3).update(
-                guess, prior, given, able_platforms, model, Whitener(full[able])
-            )
+            observation = Observation(given, take(platforms, able), Whitener(full[able]))
+            found = IteratedExtendedKalman(20, 1e-3).update(guess, prior, observation, model)
             mean[able], covariance[able] = found.mean, found.covariance
         return rows, noise, mean, covariance
 
@@ -157,7 +156,7 @@ class DirectionStart(CloudStart):
         particles, log_weight = np.full(white.shape, np.nan), np.full(white.shape[:-1], np.nan)
         if not able.any():
             return particles, log_weight
-        able_platforms = platforms if platforms.shape[0] == 1 else platforms[able]
+        able_platforms = take(platforms, able)
         particles[able], log_weight[able] = self._draw(
             rows[able], noise[able], mean[able], covariance[able], able_platforms, inputs[_HEIGHT][able], white[able]
         )

@@ -12,6 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 from quietfix.systems.estimators.kalman import KalmanEstimator
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.recorder import record
 from quietfix.systems.sensors.recorded import RecordedMeasurements, Recording
@@ -33,7 +34,7 @@ def loop(algorithm: GaussianFilter, recorded: RecordedPass) -> History:
     for k in range(1, len(recorded.times)):
         mean, covariance = algorithm.predict(mean, covariance, recorded.motion, PERIOD)
         mean, covariance, *_ = algorithm.update(
-            mean, covariance, recorded.measurement[k], recorded.platforms[k], recorded.model, whitener
+            mean, covariance, Observation(recorded.measurement[k], recorded.platforms[k], whitener), recorded.model
         )
         means.append(mean)
         covariances.append(covariance)

@@ -30,6 +30,8 @@ from quietfix.systems.clocks import Periodic
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.memory import Epoch
+from quietfix.systems.filters.observation import Observation
+from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.geometry.body_frame import body_frame
 from quietfix.systems.measurement.fdoa import Fdoa
 from quietfix.systems.measurement.stack import Stack
@@ -111,6 +113,7 @@ def make_scene(name: str, particles: int, trials: int, duration: float) -> Scene
 def loop(scene: Scene) -> Array:
     """Run the estimator's own functions in a loop over the recorded measurements; return (epochs, trials, 6)."""
     filter_, means, draw = scene.estimator, [], Draw()
+    whitener = Whitener(filter_.model.noise_covariance())
     memory, _ = filter_.first(
         scene.measurement[0], scene.platforms[:1], {"prior_position": scene.prior}, Epoch(0.0, 0, draw)
     )
@@ -118,7 +121,7 @@ def loop(scene: Scene) -> Array:
         epoch = Epoch(float(k), k, draw)
         if k:
             memory = filter_.predict(memory, 1.0, epoch)
-        memory, _ = filter_.update(memory, z, platforms[None], None, epoch)
+        memory, _ = filter_.update(memory, Observation(z, platforms[None], whitener), epoch)
         means.append(filter_.moments(memory)[0])
     return np.array(means)
 

@@ -26,6 +26,7 @@ from stonesoup.updater.kalman import UnscentedKalmanUpdater
 
 from quietfix.diagrams.commands.catalogue import load_scenario
 from quietfix.diagrams.parts.launch import rocket_model, station_positions
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.unscented import UnscentedKalman
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.measurement.range_rate import RangeRate
@@ -108,7 +109,9 @@ def loop(given: Problem) -> History:
     means, covariances = [mean], [covariance]
     for z in given.measurement:
         mean, covariance = algorithm.predict(mean, covariance, given.motion, PERIOD)
-        mean, covariance, *_ = algorithm.update(mean, covariance, z, given.stations[None], given.model, whitener)
+        mean, covariance, *_ = algorithm.update(
+            mean, covariance, Observation(z, given.stations[None], whitener), given.model
+        )
         means.append(mean)
         covariances.append(covariance)
     return np.array(means), np.array(covariances)

@@ -13,6 +13,7 @@ from quietfix.systems.clocks import Periodic
 from quietfix.systems.estimators.memory import Epoch
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.fixes.orbit_plane import plane_normal
 from quietfix.systems.fixes.ranging import RangingEquation
@@ -90,13 +91,14 @@ def _ra(motion: OrbitalMotion, measured: Array, observer: Array, prior: Array, j
     trials = len(prior)
     wiring = Wiring(trials, tuple(ROWS), Periodic(STEP), 1)
     block = RangeDecomposed("ra", sensor(j2), motion, GivenStart(prior, PRIOR), wiring)
+    whitener = Whitener(block.model.noise_covariance())
     memory = block.begin(prior, np.tile(PRIOR, (trials, 1, 1)), Epoch(0.0, 0, Draw()))
     memory |= {"normal": np.tile(plane_normal(TARGET), (trials, 1)), "count": np.full((trials, 1), 20.0)}
     for k, own in enumerate(observer):
         epoch = Epoch(STEP * k, k, Draw())
         if k:
             memory = block.predict(memory, STEP, epoch)
-        memory, _ = block.update(memory, measured[:, k], own[None, None], None, epoch)
+        memory, _ = block.update(memory, Observation(measured[:, k], own[None, None], whitener), epoch)
     return memory["mean"]
 
 
@@ -107,6 +109,6 @@ def _filter(motion: OrbitalMotion, measured: Array, observer: Array, prior: Arra
     for k, own in enumerate(observer):
         if k:
             mean, covariance = algorithm.predict(mean, covariance, motion, STEP)
-        result = algorithm.update(mean, covariance, measured[:, k], own[None, None], model, whitener)
+        result = algorithm.update(mean, covariance, Observation(measured[:, k], own[None, None], whitener), model)
         mean, covariance = result.mean, result.covariance
     return mean

@@ -4,6 +4,7 @@ import numpy as np
 
 from quietfix.diagrams.commands.catalogue import load_scenario
 from quietfix.diagrams.parts.launch import launch_site, rocket_model
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.unscented import UnscentedKalman
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.measurement.base import MeasurementModel
@@ -91,6 +92,6 @@ def loop(z, truth, stations, model, moves, covariance, algorithm=None):
         if k:
             carried = moves.next_input(mean, carried, PERIOD)
             mean, covariance = algorithm.predict(mean, covariance, moves.driven(carried), PERIOD)
-        mean, covariance, *_ = algorithm.update(mean, covariance, z[k], stations, model, whitener)
+        mean, covariance, *_ = algorithm.update(mean, covariance, Observation(z[k], stations, whitener), model)
         seen.append(mean)
     return np.array(seen)

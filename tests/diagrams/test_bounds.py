@@ -14,6 +14,7 @@ from quietfix.systems.counting import counting
 from quietfix.systems.earth.frames import inertial_to_earth_fixed
 from quietfix.systems.earth.geodetic import course_speed, geodetic_state, up
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.measurement.fdoa import Fdoa
@@ -164,7 +165,7 @@ def test_iterated_filter_reaches_the_bound_where_noise_is_small():
         mean, covariance = filter_.predict(mean, covariance, motion, times[k] - times[k - 1])
         noise = model.sigmas * rng.standard_normal((trials, 6))
         measured = model.predict(truth[:, k], platforms[:, k]) + noise
-        posterior = filter_.update(mean, covariance, measured, platforms[:, k], model, whitener)
+        posterior = filter_.update(mean, covariance, Observation(measured, platforms[:, k], whitener), model)
         mean, covariance = posterior.mean, posterior.covariance
     gap = mean - truth[:, -1]
     # Chi-square with 6 degrees of freedom per trial: mean 6, standard deviation sqrt(12/300) = 0.2; 4 of them.

@@ -9,6 +9,7 @@ from quietfix.diagrams.statistics.bounds import bound_squares
 from quietfix.diagrams.statistics.posterior_bound import posterior_bound
 from quietfix.systems.earth.frames import inertial_to_earth_fixed
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.unscented import UnscentedKalman
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.measurement.base import MeasurementModel
@@ -64,7 +65,7 @@ def test_on_a_linear_gaussian_system_the_bound_is_the_covariance_of_the_filter(m
         if k:
             mean, covariance = algorithm.predict(mean, covariance, motion, float(times[k] - times[k - 1]))
         measured = np.where(present[:, k], rng.standard_normal((trials, 2)), np.nan)
-        posterior = algorithm.update(mean, covariance, measured, platforms, model, whitener)
+        posterior = algorithm.update(mean, covariance, Observation(measured, platforms, whitener), model)
         mean, covariance = posterior.mean, posterior.covariance
         sigma = np.sqrt(np.einsum("tii->ti", covariance))
         scale = sigma[:, :, None] * sigma[:, None, :]

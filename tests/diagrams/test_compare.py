@@ -47,8 +47,8 @@ from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 class Gated(IteratedExtendedKalman):
     gate: float = 25.0
 
-    def update(self, mean, covariance, measurement, platforms, model, whitener):
-        result = super().update(mean, covariance, measurement, platforms, model, whitener)
+    def update(self, mean, covariance, observation, model):
+        result = super().update(mean, covariance, observation, model)
         out = result.nis > self.gate
         return result._replace(
             mean=np.where(out[:, None], mean, result.mean),
@@ -70,9 +70,9 @@ class DeadReckoning(Estimator):
         mean, covariance = predict_extended(*self.moments(memory), self.motion, dt)
         return {"mean": mean, "covariance": covariance.reshape(len(mean), -1)}
 
-    def update(self, memory, measurement, platforms, noise_covariance, epoch):
-        nothing = np.full(len(measurement), np.nan)
-        return memory, Innovation(measurement - np.nan, nothing, np.zeros(len(measurement)))
+    def update(self, memory, observation, epoch):
+        nothing = np.full(len(observation.value), np.nan)
+        return memory, Innovation(observation.value - np.nan, nothing, np.zeros(len(nothing)))
 
 
 class NoUpdate(GaussianFilter):

@@ -13,6 +13,7 @@ from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.studies.study import Study
 from quietfix.systems.ambiguity.differences import Flag
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.measurement.stack import Stack
 from quietfix.systems.motion.constant_velocity import ConstantVelocity
@@ -271,7 +272,9 @@ def _track(result, model, measurement):
     for k, time in enumerate(times):
         if k > 0:
             mean, covariance = algorithm.predict(mean, covariance, motion, time - times[k - 1])
-        found = algorithm.update(mean, covariance, measurement[:, k], platforms[k : k + 1], model, whitener)
+        found = algorithm.update(
+            mean, covariance, Observation(measurement[:, k], platforms[k : k + 1], whitener), model
+        )
         mean, covariance = found.mean, found.covariance
         estimates.append(mean)
     return np.stack(estimates, axis=1)

@@ -7,6 +7,7 @@ import pytest
 
 from quietfix.systems.filters.hypotheses import branch
 from quietfix.systems.filters.modified_gain import ModifiedGainKalman
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.square_root import Gains
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.linear_algebra import dot
@@ -58,7 +59,9 @@ def test_filter(scenes, name, rows):
             if k:
                 mean, covariance = algorithm.predict(mean, covariance, part.motion, 1.0)
             platforms = part.platforms[k].reshape(-1, 3, 6)
-            result = algorithm.update(mean, covariance, part.measurement[k], platforms, part.model, whitener)
+            result = algorithm.update(
+                mean, covariance, Observation(part.measurement[k], platforms, whitener), part.model
+            )
             mean, covariance = result.mean, result.covariance
         return result
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.measurement.stack import Stack
 from quietfix.systems.motion.constant_velocity import ConstantVelocity
@@ -63,7 +64,7 @@ def many_updates(name, acceleration, updates):
             measurement[::2] = np.nan
         if k % 11 == 5:
             measurement[1::2, :4] = np.nan
-        result = algorithm.update(mean, covariance, measurement, here, model, whitener)
+        result = algorithm.update(mean, covariance, Observation(measurement, here, whitener), model)
         mean, covariance = algorithm.predict(result.mean, result.covariance, motion, 0.1)
         mean[:, :3] -= 0.1 * mean[:, 3:]  # the place stays: it is the covariance that is looked at
         means.append(mean)
@@ -101,7 +102,7 @@ def test_wide_priors_keep_their_digits(name, spread):
     mean = (np.linalg.cholesky(covariance) @ rng.normal(size=(5, 4, 1)))[..., 0]
     z = rng.normal(size=(5, 3))
     whitener = Whitener(model.noise_covariance())
-    result = FILTERS[name].update(mean, covariance, z, np.zeros((1, 1, 6)), model, whitener)
+    result = FILTERS[name].update(mean, covariance, Observation(z, np.zeros((1, 1, 6)), whitener), model)
     assert_definite(result.covariance)
     for i in range(5):
         x, p, nis = exact_update(mean[i], covariance[i], h, model.noise_covariance(), z[i])

@@ -5,6 +5,7 @@ import pytest
 
 from quietfix.systems.clocks import Periodic
 from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
 from quietfix.systems.starts.start import GivenStart
@@ -116,7 +117,7 @@ def test_bare_filter(name, motion, missing):
             mean, covariance = algorithm.predict(mean, covariance, motion, 1.0)
         before = mean, covariance
         result = algorithm.update(
-            mean, covariance, problem.measurement[k], np.zeros((1, 3, 6)), problem.model, whitener
+            mean, covariance, Observation(problem.measurement[k], np.zeros((1, 3, 6)), whitener), problem.model
         )
         mean, covariance = result.mean, result.covariance
         rows.append((*before, *result))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.measurement.altitude import Altitude
 from quietfix.systems.measurement.stack import Stack
@@ -53,7 +54,10 @@ def test_bare_filter_without_the_rows(name, case):
     def update(model, rows, trials):
         whitener = Whitener(model.noise_covariance())
         return algorithm.update(
-            scene.mean[trials], covariance[trials], measurement[trials][:, rows], platforms, model, whitener
+            scene.mean[trials],
+            covariance[trials],
+            Observation(measurement[trials][:, rows], platforms, whitener),
+            model,
         )
 
     everything = slice(None)
@@ -167,7 +171,9 @@ def test_infinite_is_missing(name):
         measurement = scene.measurement[0].copy()
         measurement[1, 2] = bad
         platforms = scene.platforms[0].reshape(1, 3, 6)
-        results.append(FILTERS[name].update(scene.mean, covariance, measurement, platforms, scene.model, whitener))
+        results.append(
+            FILTERS[name].update(scene.mean, covariance, Observation(measurement, platforms, whitener), scene.model)
+        )
     for result in results[:2]:
         for value, expected in zip(result, results[2], strict=True):
             np.testing.assert_array_equal(value, expected)
@@ -192,10 +198,10 @@ def test_an_iteration_that_leaves_the_model_hurts_no_other_trial(name):
     covariance = np.broadcast_to(scene.covariance, (3, 6, 6))
     platforms = scene.platforms[0].reshape(1, 3, 6)
     whitener = Whitener(model.noise_covariance())
-    batch = FILTERS[name].update(scene.mean, covariance, measurement, platforms, model, whitener)
+    batch = FILTERS[name].update(scene.mean, covariance, Observation(measurement, platforms, whitener), model)
     others = [0, 2]
     alone = FILTERS[name].update(
-        scene.mean[others], covariance[others], measurement[others], platforms, model, whitener
+        scene.mean[others], covariance[others], Observation(measurement[others], platforms, whitener), model
     )
     np.testing.assert_allclose(batch.mean[others], alone.mean, rtol=1e-14)
     np.testing.assert_allclose(batch.covariance[others], alone.covariance, rtol=1e-9)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from quietfix.systems.filters.common_mode import CommonModeMonitor, common_mode_statistics
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.unscented import UnscentedKalman
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.measurement.range_rate import RangeRate
@@ -67,7 +68,7 @@ def test_missing_rows_are_as_if_they_were_not_there(scene):
 
 def update(filter_, scene, z):
     model, stations, mean, covariance, _ = scene
-    return filter_.update(mean, covariance, z, stations, model, Whitener(model.noise_covariance()))
+    return filter_.update(mean, covariance, Observation(z, stations, Whitener(model.noise_covariance())), model)
 
 
 def test_without_a_jump_it_is_the_filter_itself(scene):

@@ -7,6 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from quietfix.systems.clocks import Merged, Periodic, Times
 from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.measurement.stack import Stack
 from quietfix.systems.recorder import record
@@ -29,7 +30,7 @@ def bare_loop(algorithm, scene, stamps):
             mean, covariance = algorithm.predict(mean, covariance, scene.motion, stamp - last)
         last, before = stamp, (mean, covariance)
         platforms = scene.platforms[k].reshape(-1, 3, 6)
-        result = algorithm.update(mean, covariance, scene.measurement[k], platforms, scene.model, whitener)
+        result = algorithm.update(mean, covariance, Observation(scene.measurement[k], platforms, whitener), scene.model)
         mean, covariance = result.mean, result.covariance
         rows.append((mean, covariance, *before, *result[2:]))
     return dict(zip(PORTS, (np.array(column) for column in zip(*rows, strict=True)), strict=True))

@@ -21,6 +21,8 @@ from quietfix.systems.estimators.memory import Epoch
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.hypotheses import branch, log_evidence, mixture, reweigh
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.observation import Observation
+from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.fixes.delay_curve import delay_curve
 from quietfix.systems.fixes.integer_hypotheses import integer_covariance, integer_hypotheses
 from quietfix.systems.fixes.known_height import known_height_fix
@@ -365,7 +367,7 @@ def test_one_hypothesis_is_the_plain_filter():
     plain = KalmanEstimator("plain", IteratedExtendedKalman(), Linear(), motion, start, wiring)
     assert bank.hypotheses == 1
     carriers = np.zeros((1, 1, 6))
-    memories = {}
+    memories, whitener = {}, Whitener(Linear().noise_covariance())
     for block in (bank, plain):
         memory, started = block.first(np.zeros((trials, 3)), carriers, {}, Epoch(0.0, 0, Draw()))
         assert started.all()
@@ -377,7 +379,7 @@ def test_one_hypothesis_is_the_plain_filter():
         for block in (bank, plain):
             epoch = Epoch(float(k), k, Draw())
             moved = block.predict(memories[block], 1.0, epoch)
-            memories[block], reports[block] = block.update(moved, z, carriers, None, epoch)
+            memories[block], reports[block] = block.update(moved, Observation(z, carriers, whitener), epoch)
         for a, b in zip(bank.moments(memories[bank]), plain.moments(memories[plain]), strict=True):
             assert np.array_equal(a, b)
         for a, b in zip(reports[bank], reports[plain], strict=True):
@@ -405,7 +407,7 @@ def readings(place, trials, times, seed=0):
 
 def drive(bank, z, carriers, height, times):
     """Run a bank by hand: its memory after every epoch."""
-    memories = []
+    memories, whitener = [], Whitener(bank.model.noise_covariance())
     for k, t in enumerate(times):
         epoch = Epoch(float(t), k, Draw())
         if k == 0:
@@ -413,7 +415,7 @@ def drive(bank, z, carriers, height, times):
         else:
             memory = bank.predict(memory, float(t - times[k - 1]), epoch)
             if not np.isnan(z[k]).all():
-                memory, _ = bank.update(memory, z[k], carriers[k], None, epoch)
+                memory, _ = bank.update(memory, Observation(z[k], carriers[k], whitener), epoch)
         memories.append(memory)
     return memories
 

@@ -7,6 +7,7 @@ import pytest
 
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.unscented import UnscentedKalman
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
@@ -27,7 +28,7 @@ def ours(algorithm, scene):
         if k:
             mean, covariance = algorithm.predict(mean, covariance, scene.motion, 1.0)
         carriers = scene.platforms[k].reshape(-1, 3, 6)
-        result = algorithm.update(mean, covariance, scene.measurement[k], carriers, scene.model, whitener)
+        result = algorithm.update(mean, covariance, Observation(scene.measurement[k], carriers, whitener), scene.model)
         mean, covariance = result.mean, result.covariance
         rows.append((mean, covariance, result.nis))
     return tuple(np.array(column) for column in zip(*rows, strict=True))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from quietfix.systems.clocks import Periodic
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.particle.draws import Draws
 from quietfix.systems.filters.particle.health import LEAST_EVIDENCE, evidence, follow
 from quietfix.systems.filters.particle.kernel import bandwidth, lost_spread, shrunk_kernel
@@ -244,7 +245,7 @@ def one_update(update, shift, count=4000, trials=40, sigma=0.3):
     model = Linear(np.eye(2), sigma**2 * np.eye(2))
     spread = math.sqrt(1 + sigma**2)
     z = spread * (draws.normal("z", everyone, (2,)) + shift)
-    reading = Reading(model, z, np.zeros((1, 1, 6)), Whitener(model.noise_covariance()))
+    reading = Reading(model, Observation(z, np.zeros((1, 1, 6)), Whitener(model.noise_covariance())))
     residual = reading.residual(particles, everyone)
     return update(cloud, Likelihood(reading, np.zeros((trials, 2), dtype=bool)), residual, draws), z, spread
 
@@ -288,7 +289,7 @@ def test_a_trial_that_is_done_is_not_touched():
     def update(which):
         which = np.array(which)
         z = np.zeros((len(which), 2))
-        reading = Reading(model, z, np.zeros((1, 1, 6)), Whitener(noise[which]))
+        reading = Reading(model, Observation(z, np.zeros((1, 1, 6)), Whitener(noise[which])))
         part = cloud.rows(which)
         everyone = np.arange(len(which))
         residual = reading.residual(part.particles, everyone)

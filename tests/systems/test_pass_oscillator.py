@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.robust import StudentRows
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.measurement.range_rate import RangeRate
@@ -59,7 +60,7 @@ def scene():
 
 def update(filter_, scene, z):
     model, stations, mean, covariance, _ = scene
-    return filter_.update(mean, covariance, z, stations, model, Whitener(model.noise_covariance()))
+    return filter_.update(mean, covariance, Observation(z, stations, Whitener(model.noise_covariance())), model)
 
 
 def test_rows_that_fit_are_left_alone(scene):

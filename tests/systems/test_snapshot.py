@@ -7,6 +7,7 @@ from scipy.optimize import least_squares
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_state
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.fixes.snapshot import snapshot_fix, starts_around
 from quietfix.systems.measurement.altitude import Altitude
@@ -171,7 +172,7 @@ def test_with_a_prior_it_is_the_iterated_filter():
     assert np.all(fix.dof == np.where(np.isin(np.arange(50), (7, 8)), 2, 5))
     known = fix.dof == 5
     want = IteratedExtendedKalman(50, 1e-6).update(
-        mean[known], covariance[known], measurement[known], platforms[known], MODEL, Whitener(R)
+        mean[known], covariance[known], Observation(measurement[known], platforms[known], Whitener(R)), MODEL
     )
     # 1e-4 standard deviations of some 20 m
     np.testing.assert_allclose(fix.position[known], want.mean[:, :3], atol=0.02)

@@ -5,6 +5,7 @@ import pytest
 
 from quietfix.systems.clocks import Periodic
 from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.fixes.known_height import known_height_fix
 from quietfix.systems.starts.known_height_start import KnownHeightStart
@@ -42,7 +43,7 @@ def from_epoch(scene, algorithm, first, trial, use_first):
         if k > first or use_first:
             platforms = scene.platforms[k].reshape(-1, 3, 6)
             z = scene.measurement[k, trial : trial + 1]
-            result = algorithm.update(mean, covariance, z, platforms, scene.model, whitener)
+            result = algorithm.update(mean, covariance, Observation(z, platforms, whitener), scene.model)
             mean, covariance = result.mean, result.covariance
         rows.append(mean[0])
     return np.concatenate([np.full((first, 6), np.nan), rows])

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.filters.gaussian import take
-from quietfix.systems.filters.whitening import Whitener
+from quietfix.systems.filters.observation import Observation, take
 from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["Likelihood", "Reading"]
@@ -15,35 +14,30 @@ Array = NDArray[np.float64]
 
 
 class Reading:
-    """What was measured at one instant, and how well.
+    """An observation, to be told to clouds.
 
     Parameters
     ----------
     model : MeasurementModel
         What the filter believes of the sensor.
-    measurement : ndarray, shape (trials, m)
-        NaN where a row is missing.
-    platforms : ndarray, shape (1 or trials, p, 6)
-        Known platforms.
-    whitener : Whitener
-        The noise covariance, factored; of one or of every trial.
+    observation : Observation
+        What was measured.
     """
 
-    def __init__(self, model: MeasurementModel, measurement: Array, platforms: Array, whitener: Whitener) -> None:
-        self.model, self.measurement, self.platforms, self.whitener = model, measurement, platforms, whitener
+    def __init__(self, model: MeasurementModel, observation: Observation) -> None:
+        self.model, self.observation = model, observation
 
     def rows(self, which: NDArray[np.intp]) -> Reading:
         """Return what some trials are told."""
-        covariance = self.whitener.covariance
-        whitener = self.whitener if covariance.ndim == 2 else Whitener(covariance[which])
-        return Reading(self.model, self.measurement[which], take(self.platforms, which), whitener)
+        return Reading(self.model, self.observation.rows(which))
 
     def residual(self, cloud: Array, which: NDArray[np.intp]) -> Array:
         """Return measured minus predicted (len(which), N, m) for the clouds (len(which), n, N) of some trials."""
-        everyone = which.size == self.measurement.shape[0]
-        platforms = self.platforms if everyone else take(self.platforms, which)
+        measured, platforms = self.observation.value, self.observation.platforms
+        if which.size != measured.shape[0]:
+            measured, platforms = measured[which], take(platforms, which)
         predicted = self.model.predict(cloud.swapaxes(1, 2), platforms[:, None])
-        return self.model.residual((self.measurement if everyone else self.measurement[which])[:, None], predicted)
+        return self.model.residual(measured[:, None], predicted)
 
 
 class Likelihood:
@@ -59,7 +53,7 @@ class Likelihood:
 
     def __init__(self, reading: Reading, missing: NDArray[np.bool_]) -> None:
         self._reading, self._missing = reading, missing
-        root = reading.whitener.matrix(missing if missing.any() else None)
+        root = reading.observation.whitener.matrix(missing if missing.any() else None)
         # Rows that are independent, as they mostly are, need no product of matrices per particle.
         diagonal = np.einsum("...ii->...i", root)
         self._diagonal = bool(np.all(root == diagonal[..., None] * np.eye(root.shape[-1])))

@@ -174,8 +174,8 @@ from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 class Fading(IteratedExtendedKalman):
     """A tenth more covariance after every update."""
 
-    def update(self, mean, covariance, measurement, platforms, model, whitener):
-        result = super().update(mean, covariance, measurement, platforms, model, whitener)
+    def update(self, mean, covariance, observation, model):
+        result = super().update(mean, covariance, observation, model)
         return result._replace(covariance=1.1 * result.covariance)
 '''
 
