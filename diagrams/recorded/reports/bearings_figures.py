@@ -2,30 +2,39 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from quietfix.diagrams.figures.style import grid, new_figure
 from quietfix.systems.fixes.von_mises import sample
 
-if TYPE_CHECKING:
-    from quietfix.diagrams.recorded.reports.bearings_report import BearingsReport
-
 __all__ = ["draw_lines"]
+
+Array = NDArray[np.float64]
 
 _MOST = 500  # lines; of more, a sample is drawn
 
 
-def draw_lines(result: BearingsReport) -> Figure:
-    """Draw the lines of bearing, those with little weight dotted, and the fixes, those not to be believed crossed."""
-    bearings, fixes = result.bearings, {name: fix for name, fix in result.fixes.items() if fix.there}
-    count = len(bearings.azimuth)
+def draw_lines(place: Array, azimuth: Array, weights: Array, fixes: Mapping[str, tuple[Array, bool]]) -> Figure:
+    """Draw the lines of bearing, those with little weight dotted, and the fixes, those not to be believed crossed.
+
+    Parameters
+    ----------
+    place : ndarray, shape (bearings, 2)
+        Observers, east and north [m].
+    azimuth, weights : ndarray, shape (bearings,)
+        [rad], and the weight that the robust fix gives each.
+    fixes : mapping of str to (ndarray, bool)
+        Position [m] by method, and whether its own ellipse can be believed.
+    """
+    count = len(azimuth)
     rows = sample(count, _MOST)
-    place, azimuth, weights = bearings.place[rows] / 1e3, bearings.azimuth[rows], result.robust.weights[rows]
-    middle = next((fixes[name].position / 1e3 for name in ("robust", "ml", *fixes) if name in fixes), None)
+    place, azimuth, weights = place[rows] / 1e3, azimuth[rows], weights[rows]
+    middle = next((fixes[name][0] / 1e3 for name in ("robust", "ml", *fixes) if name in fixes), None)
     if middle is None:
         reach = 3.0 * float(np.ptp(place, axis=0).max())
     else:
@@ -36,12 +45,10 @@ def draw_lines(result: BearingsReport) -> Figure:
     for some, style in ((weights > 0.5, "-"), (weights <= 0.5, ":")):
         axes.add_collection(LineCollection(list(lines[some]), colors="0.6", linestyles=style, linewidths=0.8))
     axes.plot(*place.T, "k^", label="observers")
-    for name, fix in fixes.items():
-        x = fix.position / 1e3
+    for name, (position, believable) in fixes.items():
+        x = position / 1e3
         if middle is not None and np.linalg.norm(x - middle) < 3 * reach:
-            axes.plot(
-                *x, "o" if fix.believable else "x", fillstyle="none", label=name if fix.believable else f"{name} *"
-            )
+            axes.plot(*x, "o" if believable else "x", fillstyle="none", label=name if believable else f"{name} *")
     title = "" if fixes else "no fix: the lines do not cross ahead of the observers"
     if count > _MOST:
         title = f"{_MOST} of {count} lines" + f"; {title}" * bool(title)

@@ -209,7 +209,9 @@ class BearingsReport:
         from quietfix.diagrams.figures.style import save
         from quietfix.diagrams.recorded.reports.bearings_figures import draw_lines
 
-        return [save(draw_lines(self), folder / "bearings.png")]
+        fixes = {name: (fix.position, fix.believable) for name, fix in self.fixes.items() if fix.there}
+        figure = draw_lines(self.bearings.place, self.bearings.azimuth, self.robust.weights, fixes)
+        return [save(figure, folder / "bearings.png")]
 
 
 def _degrees(kappa: float) -> float:

@@ -104,8 +104,15 @@ class IqReport:
         from quietfix.diagrams.figures.style import save
         from quietfix.diagrams.recorded.reports.iq_figures import draw_differences
 
+        pairs = {
+            f"{pair.auxiliary} minus {pair.main}": (
+                ("TDOA [us]", 1e6 * pair.tdoa, 1e6 * pair.sigma_tdoa),
+                ("FDOA [Hz]", pair.fdoa, pair.sigma_fdoa),
+            )
+            for pair in self.pairs
+        }
         return [
-            save(draw_differences(self.pairs, self.times, self.length), folder / "differences.png"),
+            save(draw_differences(pairs, self.times, self.length), folder / "differences.png"),
             self._write(folder / "differences.csv"),
         ]
 

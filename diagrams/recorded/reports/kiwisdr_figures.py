@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,9 +13,6 @@ from quietfix.diagrams.figures.style import grid, new_figure
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef
 
-if TYPE_CHECKING:
-    from quietfix.diagrams.recorded.reports.kiwisdr_report import KiwiReport
-
 __all__ = ["draw_differences", "draw_map"]
 
 Array = NDArray[np.float64]
@@ -22,32 +20,39 @@ Array = NDArray[np.float64]
 _COLOURS = ("#0072b2", "#d55e00", "#009e73")
 
 
-def draw_differences(result: KiwiReport) -> Figure:
-    """Draw the TDOAs of every pair against time, with what the samples let expect, and the true differences."""
-    figure, axes = new_figure(height=8, rows=len(result.pairs), sharex=True)
-    for panel, (pair, found), colour in zip(axes, result.pairs.items(), _COLOURS, strict=False):
-        true, good = result.true_difference(pair), found.good
+def draw_differences(title: str, times: Array, pairs: Mapping[str, tuple[Array, Array, float]]) -> Figure:
+    """Draw the TDOAs of every pair against time, with what the samples let expect, and the true differences.
+
+    Parameters
+    ----------
+    title : str
+    times : ndarray, shape (times,)
+        [s]
+    pairs : mapping of str to (ndarray, ndarray, float)
+        By the pair's name: TDOA, NaN where it is flagged, and its sigma (times,), and the true TDOA [s].
+    """
+    figure, axes = new_figure(height=8, rows=len(pairs), sharex=True)
+    for panel, (name, (tdoa, sigma, true)), colour in zip(axes, pairs.items(), _COLOURS, strict=False):
+        good = np.isfinite(tdoa)
         panel.errorbar(
-            result.times[good],
-            1e6 * found.tdoa[good],
-            1e6 * found.sigma_tdoa[good],
+            times[good],
+            1e6 * tdoa[good],
+            1e6 * sigma[good],
             fmt="o",
             color=colour,
             ms=5,
             capsize=2,
             lw=1.2,
-            label=f"{found.auxiliary} - {found.main}, with the sigma predicted",
+            label=f"{name}, with the sigma predicted",
         )
         panel.axhline(1e6 * true, color="black", lw=1.4, ls=(0, (6, 3)), label="by the straight lines from the mast")
-        panel.axhline(1e6 * np.median(found.tdoa[good]), color=colour, lw=1.2, label="median")
+        panel.axhline(1e6 * np.median(tdoa[good]), color=colour, lw=1.2, label="median")
         panel.set_ylabel("TDOA [us]")
         grid(panel)
         panel.legend(frameon=False, ncols=3, loc="upper left")
         panel.margins(y=0.25)
     axes[-1].set_xlabel("time [s]")
-    figure.suptitle(
-        f"{result.data.transmitter}: time differences of arrival, windows of {result.settings.integration_s:g} s"
-    )
+    figure.suptitle(title)
     return figure
 
 
@@ -56,40 +61,62 @@ def _degrees(position: Array) -> Array:
     return np.degrees(np.stack([longitude, latitude]))
 
 
-def _hyperbolas(axes: Any, result: KiwiReport) -> None:
-    stations = result.data.stations
+def _hyperbolas(axes: Any, stations: Array, differences: Mapping[str, tuple[tuple[int, int], float]]) -> None:
     low, high = _degrees(stations).min(axis=1) - 3, _degrees(stations).max(axis=1) + 3
     longitude, latitude = np.meshgrid(np.linspace(low[0], high[0], 300), np.linspace(low[1], high[1], 300))
     place = geodetic_to_ecef(np.radians(latitude), np.radians(longitude), 0.0)
     distance = np.linalg.norm(place[..., None, :] - stations, axis=-1) / SPEED_OF_LIGHT
-    for (pair, found), colour in zip(result.pairs.items(), _COLOURS, strict=False):
-        value = distance[..., pair[1]] - distance[..., pair[0]] - np.median(found.tdoa[found.good])
+    for (name, (pair, tdoa)), colour in zip(differences.items(), _COLOURS, strict=False):
+        value = distance[..., pair[1]] - distance[..., pair[0]] - tdoa
         axes.contour(longitude, latitude, value, levels=[0.0], colors=[colour], linewidths=1.4)
-        axes.plot([], [], color=colour, lw=1.4, label=f"{found.auxiliary} - {found.main}")
+        axes.plot([], [], color=colour, lw=1.4, label=name)
 
 
-def draw_map(result: KiwiReport) -> Figure:
-    """Draw receivers and hyperbolas on a map, and the fixes around the mast, with the ellipse that is believed."""
+def draw_map(
+    title: str,
+    names: Sequence[str],
+    stations: Array,
+    differences: Mapping[str, tuple[tuple[int, int], float]],
+    mast: Array,
+    fix: Array,
+    around: tuple[Array, Array, Array],
+) -> Figure:
+    """Draw receivers and hyperbolas on a map, and the fixes around the mast, with the ellipse that is believed.
+
+    Parameters
+    ----------
+    title : str
+    names : sequence of str
+        Of the receivers.
+    stations : ndarray, shape (receivers, 3)
+        Where they are, Earth-fixed [m].
+    differences : mapping of str to ((int, int), float)
+        By the pair's name: its receivers and the TDOA of the second against the first [s].
+    mast, fix : ndarray, shape (3,)
+        Where the transmitter is, and where it was found, Earth-fixed [m].
+    around : (ndarray, ndarray, ndarray)
+        East and north of the mast [m]: the fix of each window (windows, 2), that of all (2,) and its covariance (2, 2).
+    """
     figure, (left, right) = new_figure(height=7, columns=2)
-    _hyperbolas(left, result)
-    receivers = _degrees(result.data.stations)
+    _hyperbolas(left, stations, differences)
+    receivers = _degrees(stations)
     left.plot(*receivers, "^", color="black", ms=9, label="receivers")
-    for name, place in zip(result.data.names, receivers.T, strict=True):
+    for name, place in zip(names, receivers.T, strict=True):
         left.annotate(name, place, xytext=(7, 6), textcoords="offset points")
-    left.plot(*_degrees(result.data.mast), "+", color="black", ms=16, mew=2, label="mast")
-    left.plot(*_degrees(result.fix.estimate[-1]), "o", fillstyle="none", color="#cc79a7", ms=11, mew=2, label="fix")
+    left.plot(*_degrees(mast), "+", color="black", ms=16, mew=2, label="mast")
+    left.plot(*_degrees(fix), "o", fillstyle="none", color="#cc79a7", ms=11, mew=2, label="fix")
     left.set(xlabel="longitude [deg]", ylabel="latitude [deg]", title="hyperbolas of the median differences")
     left.set_aspect(1 / np.cos(np.radians(receivers[1].mean())))
     grid(left)
     left.legend(loc="lower left", framealpha=0.9)
 
-    singly, end = result.fix.local(result.singly) / 1e3, result.fix.local(result.fix.estimate[-1]) / 1e3
+    singly, end, covariance = around[0] / 1e3, around[1] / 1e3, around[2] / 1e6
     right.plot(singly[:, 0], singly[:, 1], ".", color="0.55", ms=8, label="each window alone")
     right.plot(end[0], end[1], "o", fillstyle="none", color="#cc79a7", ms=11, mew=2, label="fix of all windows")
-    values, vectors = np.linalg.eigh(result.fix.horizontal_covariance() / 1e6)
+    values, vectors = np.linalg.eigh(covariance)
     angle = np.linspace(0, 2 * np.pi, 100)
     ring = 2 * np.sqrt(np.maximum(values, 0)) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    ellipse = ring @ vectors.T + end[:2]
+    ellipse = ring @ vectors.T + end
     right.plot(*ellipse.T, color="#cc79a7", lw=1.6, label="its ellipse of two sigma")
     right.plot(0, 0, "+", color="black", ms=18, mew=2, label="mast")
     right.set(xlabel="east of the mast [km]", ylabel="north of the mast [km]", title="fixes")
@@ -97,8 +124,5 @@ def draw_map(result: KiwiReport) -> Figure:
     right.margins(0.12)
     grid(right)
     right.legend(loc="best", framealpha=0.9)
-    figure.suptitle(
-        f"{result.data.transmitter}: fix {result.fix.error / 1e3:.2f} km from the mast; the scatter alone claims "
-        f"{result.fix.sigma / 1e3:.2f} km"
-    )
+    figure.suptitle(title)
     return figure

@@ -238,10 +238,23 @@ class KiwiReport:
         from quietfix.diagrams.figures.style import save
         from quietfix.diagrams.recorded.reports.kiwisdr_figures import draw_differences, draw_map
 
-        return [
-            save(draw_differences(self), folder / "time_differences.png"),
-            save(draw_map(self), folder / "map.png"),
-        ]
+        fix, who = self.fix, self.data.transmitter
+        pairs = {
+            f"{found.auxiliary} - {found.main}": (found.tdoa, found.sigma_tdoa, self.true_difference(pair))
+            for pair, found in self.pairs.items()
+        }
+        windows = f"windows of {self.settings.integration_s:g} s"
+        against_time = draw_differences(f"{who}: time differences of arrival, {windows}", self.times, pairs)
+        place = draw_map(
+            f"{who}: fix {fix.error / 1e3:.2f} km from the mast; the scatter alone claims {fix.sigma / 1e3:.2f} km",
+            self.data.names,
+            self.data.stations,
+            {name: (pair, self._median(pair)) for name, pair in zip(pairs, self.pairs, strict=True)},
+            self.data.mast,
+            fix.estimate[-1],
+            (fix.local(self.singly)[:, :2], fix.local(fix.estimate[-1])[:2], fix.horizontal_covariance()),
+        )
+        return [save(against_time, folder / "time_differences.png"), save(place, folder / "map.png")]
 
 
 def _finite(value: float) -> float | None:

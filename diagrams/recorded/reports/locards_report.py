@@ -234,7 +234,18 @@ class LocardsReport:
         from quietfix.diagrams.figures.style import save
         from quietfix.diagrams.recorded.reports.locards_figures import draw_errors, draw_map, draw_track_errors
 
-        figures = {"errors": draw_errors(self), "along_across": draw_track_errors(self), "map": draw_map(self)}
+        scores, known = self.all, self.all.known
+        error = scores.horizontal[:, known]
+        fault, percent = self.settings.fault_m / 1e3, 100 * self.settings.fault_share
+        titles = ("as recorded", f"{fault:g} km added at one receiver in {percent:g} % of the messages")[: self.trials]
+        tracks = [track for data in self.sets for track in data.tracks]
+        stations = np.concatenate([track.platforms[..., :3].reshape(-1, 3) for track in tracks])
+        stations = np.unique(stations[np.isfinite(stations).all(axis=-1)], axis=0)
+        figures = {
+            "errors": draw_errors(error, scores.many[known], self.labels, titles, self.names[0]),
+            "along_across": draw_track_errors(scores.along[0, :, 0], scores.across[0, :, 0], self.labels[0]),
+            "map": draw_map(stations, scores.place[known], error[0, :, 0], scores.fix[~known]),
+        }
         return [save(figure, folder / f"{name}.png") for name, figure in figures.items()]
 
 
