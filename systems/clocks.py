@@ -10,6 +10,7 @@ instants are compared by `same_instant`, and what has been used at the one is no
 from __future__ import annotations
 
 import math
+from array import array
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -30,7 +31,7 @@ def _slack(time: float) -> float:
 
 def same_instant(time: float, other: float) -> bool:
     """Return whether two times [s] differ by no more than rounding."""
-    return abs(time - other) <= _slack(time)
+    return time == other or abs(time - other) <= _slack(time)
 
 
 class Clock(Protocol):
@@ -96,6 +97,7 @@ class Times:
 
     stamps: ArrayLike
     _stamps: NDArray[np.float64] = field(init=False, repr=False)
+    _sought: array[float] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -112,6 +114,9 @@ class Times:
             )
         stamps.setflags(write=False)
         object.__setattr__(self, "_stamps", stamps)
+        object.__setattr__(
+            self, "_sought", array("d", stamps.tobytes())
+        )  # its elements are plain numbers: faster to compare
 
     def declare(self, how: Callable[[float, float], None]) -> None:
         """See `Clock.declare`."""
@@ -120,7 +125,7 @@ class Times:
 
     def index(self, time: float) -> int | None:
         """See `Clock.index`."""
-        return _find(self._stamps, time)
+        return _find(self._sought, time)
 
     def ticks(self, end: float) -> NDArray[np.float64]:
         """See `Clock.ticks`."""
@@ -181,9 +186,10 @@ def at_ticks(clock: Clock, timed: Callable[[float, float], None], stepped: Calla
         clock.declare(timed)
 
 
-def _find(ticks: NDArray[np.float64], time: float) -> int | None:
-    k = bisect_left(ticks, time - _slack(time))
-    return k if k < len(ticks) and same_instant(time, float(ticks[k])) else None
+def _find(ticks: array[float], time: float) -> int | None:
+    slack = _slack(time)
+    k = bisect_left(ticks, time - slack)
+    return k if k < len(ticks) and abs(time - ticks[k]) <= slack else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +203,7 @@ class Merged:
     """
 
     clocks: Sequence[Clock]
-    _known: dict[str, NDArray[np.float64]] = field(init=False, repr=False, default_factory=dict)
+    _known: dict[str, array[float]] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -216,7 +222,7 @@ class Merged:
         known = self._known.get("ticks")
         if known is None or known[-1] <= time:
             # Twice as far as asked for, so that a long run lists its ticks a few times and not at every tick.
-            known = self._known["ticks"] = self.ticks(2 * time + 1.0)
+            known = self._known["ticks"] = array("d", self.ticks(2 * time + 1.0).tobytes())
         return _find(known, time)
 
     def ticks(self, end: float) -> NDArray[np.float64]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["cholesky", "dot", "inverse_lower", "inverses", "semidefinite_root", "solve", "symmetric"]
+__all__ = ["all_finite", "cholesky", "dot", "inverse_lower", "inverses", "semidefinite_root", "solve", "symmetric"]
 
 Array = NDArray[np.float64]
 
@@ -13,6 +15,14 @@ _RANK = 1e-13  # share of a variance below which what is left of it is rounding 
 _SMALLEST_EIGENVALUE = 1e-12  # of the correlation matrix, where a covariance has to be repaired
 _BLOCK = 256  # matrices at a time, so that they stay in the cache
 _LONGEST = 8192  # numbers in NumPy's buffer
+_ONES = np.ones(4096)
+
+
+def all_finite(array: Array) -> bool:
+    """Return whether every number is finite, as the sum says; numbers whose sum overflows count as not finite."""
+    flat = array.ravel()
+    # of a few numbers a dot product is the fastest sum
+    return math.isfinite(flat.dot(_ONES[: flat.size]) if flat.size <= _ONES.size else flat.sum())
 
 
 def symmetric(matrix: Array) -> Array:

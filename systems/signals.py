@@ -48,6 +48,9 @@ class _Nothing(enum.Enum):
     NONE = enum.auto()
 
 
+_NOTHING = _Nothing.NONE
+
+
 class Component(NamedTuple):
     """What one number of a signal is: its name and SI unit; ``1`` without a dimension, empty if nobody says it."""
 
@@ -115,7 +118,7 @@ class EnsembleBlock(LeafSystem):
         if not name:
             raise ValueError("a block needs a name: its random numbers depend on it")
         self.set_name(name)
-        self._inputs: dict[str, tuple[int, int, int]] = {}  # index of the port, trials, size
+        self._inputs: dict[str, tuple[int, tuple[int, int]]] = {}  # index of the port, (trials, size)
         self._outputs: dict[str, tuple[int, int]] = {}
         self._components: dict[str, tuple[Component, ...]] = {}
         self._kinds: dict[str, type] = {}
@@ -124,7 +127,7 @@ class EnsembleBlock(LeafSystem):
     def declare_input(self, name: str, trials: int, size: int) -> InputPort:
         """Declare an input port that carries (trials, size)."""
         port = self.DeclareVectorInputPort(name, check_trials(trials) * size)
-        self._inputs[name] = (int(port.get_index()), trials, size)
+        self._inputs[name] = (int(port.get_index()), (trials, size))
         return port
 
     def declare_output(
@@ -143,15 +146,16 @@ class EnsembleBlock(LeafSystem):
         self._outputs[name] = (check_trials(trials), size)
         if components is not None:
             self._components[name] = tuple(Component(*one) for one in components)
+        count = trials * size
 
         def write(context: Context, output: BasicVector) -> None:
             values = calc(context)
-            if values.size != trials * size:
+            if values.size != count:
                 shape = tuple(values.shape)
                 raise ValueError(f"{self.get_name()}: {name} has the shape {shape}; ({trials}, {size}) is expected")
-            output.SetFromVector(values.reshape(-1))
+            output.SetFromVector(values.ravel())
 
-        return self.DeclareVectorOutputPort(name, trials * size, write, prerequisites_of_calc=set(tickets))
+        return self.DeclareVectorOutputPort(name, count, write, prerequisites_of_calc=set(tickets))
 
     def declare_abstract_input(self, name: str, kind: type) -> InputPort:
         """Declare an input port that carries one object of type `kind`; read it with `read_abstract`."""
@@ -194,7 +198,7 @@ class EnsembleBlock(LeafSystem):
 
         def refill(context: Context, value: AbstractValue) -> None:
             result = calc(me(), context)
-            value.set_value(_Nothing.NONE if result is None else result)
+            value.set_value(_NOTHING if result is None else result)
 
         return self.DeclareCacheEntry(
             name,
@@ -204,21 +208,21 @@ class EnsembleBlock(LeafSystem):
 
     def cached(self, context: Context, index: Any) -> Any:
         """Return the up-to-date value of a cache entry made by `declare_cached`."""
-        value = self.get_cache_entry(index).Eval(context)
-        return None if value is _Nothing.NONE else value
+        value = self.get_cache_entry(index).EvalAbstract(context).get_value()
+        return None if value is _NOTHING else value
 
     def cached_ticket(self, index: Any) -> Any:
         """Return the ticket of a cache entry made by `declare_cached`."""
         return self.cache_entry_ticket(index)
 
-    def read(self, context: Context, name: str) -> NDArray[np.float64]:
-        """Return the value of input port `name` as an array (trials, size)."""
-        index, trials, size = self._inputs[name]
+    def read(self, context: Context, name: str, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
+        """Return the value of input port `name` as an array (trials, size), or of another `shape` of as many."""
+        index, plain = self._inputs[name]
         # by its index and not by way of the port: a fifth of what a small block costs is looking up its ports
         value = self.EvalVectorInput(context, index)
         if value is None:  # not connected: the port says so
-            return self.get_input_port(index).Eval(context).reshape(trials, size)
-        return value.value().reshape(trials, size).copy()
+            return self.get_input_port(index).Eval(context).reshape(shape or plain)
+        return value.CopyToVector().reshape(shape or plain)
 
     def read_abstract(self, context: Context, name: str) -> Any:
         """Return the object on input port `name`.

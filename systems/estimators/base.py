@@ -8,7 +8,6 @@ irregular sampling are one code path, and ``prediction`` does not feed through a
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -19,10 +18,11 @@ from pydrake.systems.framework import Context, DiscreteValues
 
 from quietfix.systems.clocks import at_ticks, same_instant
 from quietfix.systems.counting import tally
-from quietfix.systems.estimators.memory import TO_COME, Epoch, Innovation, Memory, Remembered
+from quietfix.systems.estimators.memory import TO_COME, Epoch, Innovation, Memory, Now, Remembered
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener, unknown_rows
+from quietfix.systems.linear_algebra import all_finite
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.signals import EnsembleBlock, components_of
@@ -75,7 +75,9 @@ class Estimator(EnsembleBlock):
         self.wiring = wiring
         rows = [list(wiring.stream).index(row) for row in model.names]
         # a view instead of a copy where all rows are used as they come
-        self._rows: list[int] | slice = slice(None) if rows == list(range(len(wiring.stream))) else rows
+        self._rows: NDArray[np.intp] | slice = (
+            slice(None) if rows == list(range(len(wiring.stream))) else np.array(rows, dtype=np.intp)
+        )
         self._declare_ports()
 
     @property
@@ -156,6 +158,7 @@ class Estimator(EnsembleBlock):
         trials = wiring.trials
         self.declare_input("measurement", trials, len(wiring.stream))
         self.declare_input("platforms", wiring.platform_trials, 6 * wiring.platforms)
+        self._platforms = (wiring.platform_trials, wiring.platforms, 6)
         if wiring.noise_port:
             self.declare_input("noise_covariance", trials, len(wiring.stream) ** 2)
         for port, size in self.start.inputs.items():
@@ -165,22 +168,25 @@ class Estimator(EnsembleBlock):
 
         # One group of discrete state for all of it: an access costs as much as copying thousands of numbers.
         sizes = self.memory_sizes()
-        self._remembered = list(sizes)
-        self._places: dict[str, tuple[slice, int]] = {}
+        self._places: dict[str, slice] = {}
         begin = 0
-        for group, size in {**sizes, "innovation": m, "nis": 1, "nis_dof": 1, "started": 1}.items():
-            self._places[group] = (slice(begin, begin + trials * size), size)
+        for group, size in {**sizes, "value": m, "nis": 1, "nis_dof": 1, "started": 1}.items():
+            self._places[group] = slice(begin, begin + trials * size)
             begin += trials * size
+        self._groups = [(group, self._places[group], (trials, size)) for group, size in sizes.items()]
+        self._remembered = list(sizes)
         initial = np.full(begin + 3, np.nan)
-        initial[self._places["started"][0]] = 0.0
+        initial[self._places["started"]] = 0.0
         initial[-2:] = 0.0  # holds for this time; its measurement is used. Before them: begun at this time
         self._state = self.DeclareDiscreteState(initial)
+        self._everyone = np.ones(trials, dtype=bool)
+        self._everyone.setflags(write=False)
+        self._all_begun = self._everyone.astype(float).tobytes()
 
-        state = self.xd_ticket()
-        self._prior = self.declare_cached("prior", type(self)._calc_prior, {state, self.time_ticket(), draw})
-        self._posterior = self.declare_cached(
-            "posterior", type(self)._calc_posterior, {self.cached_ticket(self._prior), draw, *inputs}
-        )
+        now = {self.xd_ticket(), self.time_ticket(), draw}
+        self._prior = self.declare_cached("prior", type(self)._calc_prior, now)
+        self._prior_is_read = False  # by a port: until then nothing but the posterior needs it, and that once
+        self._posterior = self.declare_cached("posterior", type(self)._calc_posterior, {*now, *inputs})
         before, after = {self.cached_ticket(self._prior)}, {self.cached_ticket(self._posterior)}
         states, rows = components_of(self.motion), components_of(self.model)
         self.declare_output("estimate", trials, n, lambda c: self.posterior_moments(c)[0], after, states)
@@ -199,11 +205,10 @@ class Estimator(EnsembleBlock):
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
 
     def _epoch(self, context: Context) -> Epoch:
-        time = context.get_time()
-        return Epoch(time, lambda: self.wiring.clock.index(time), lambda: self.draw(context))
+        return Now(context.get_time(), self.wiring.clock, self.draw, context)
 
     def _updated(self, context: Context) -> Remembered:
-        remembered: Remembered = self.cached(context, self._posterior)
+        remembered: Remembered = self.get_cache_entry(self._posterior).EvalAbstract(context).get_value()
         return remembered
 
     def posterior_memory(self, context: Context) -> Memory:
@@ -220,34 +225,36 @@ class Estimator(EnsembleBlock):
         return self.cached_ticket(self._posterior)
 
     def _prior_moments(self, context: Context) -> tuple[Array, Array]:
+        self._prior_is_read = True
         remembered: Remembered = self.cached(context, self._prior)
         return remembered.moments(self.moments)
 
     def _calc_prior(self, context: Context) -> Remembered:
         """Return the memory predicted for now, or what is stored where the measurement of now is in it."""
         tally("prior", self)
-        state = context.get_discrete_state(self._state).value().copy()
-
-        def stored(group: str) -> Array:
-            place, size = self._places[group]
-            return state[place].reshape(-1, size)
-
-        memory = {group: stored(group) for group in self._remembered}
-        started = stored("started")[:, 0] > 0
-        now, (stamp, used) = context.get_time(), state[-2:].tolist()
+        state = context.get_discrete_state(self._state).CopyToVector()
+        memory = {group: state[place].reshape(shape) for group, place, shape in self._groups}
+        began = state[self._places["started"]]
+        # bytes are the fastest to compare, and mostly everyone has started
+        started = self._everyone if began.tobytes() == self._all_begun else began > 0
+        now, stamp = context.get_time(), state.item(-2)
         if same_instant(now, stamp):
-            innovation = Innovation(stored("innovation"), stored("nis")[:, 0], stored("nis_dof")[:, 0])
-            return Remembered(memory, innovation, started, bool(used))
+            innovation = Innovation(
+                state[self._places["value"]].reshape(started.size, -1),
+                state[self._places["nis"]],
+                state[self._places["nis_dof"]],
+            )
+            return Remembered(memory, innovation, started, bool(state[-1]), now)
         if now > stamp:
-            memory = self.predict(memory, now - stamp, self._epoch(context))
-        return Remembered(memory, TO_COME, started, False)
+            memory = self.predict(memory, now - stamp, Now(now, self.wiring.clock, self.draw, context))
+        return Remembered(memory, TO_COME, started, False, now)
 
     def _first(self, context: Context, stream: Array) -> tuple[Memory, Mask]:
         inputs = {port: self.read(context, port) for port in self.start.inputs}
         return self.first(stream, self._read_platforms(context), inputs, self._epoch(context))
 
     def _read_platforms(self, context: Context) -> Array:
-        return self.read(context, "platforms").reshape(-1, self.wiring.platforms, 6)
+        return self.read(context, "platforms", self._platforms)
 
     def _read_noise(self, context: Context) -> Array | None:
         if not self.wiring.noise_port:
@@ -264,35 +271,35 @@ class Estimator(EnsembleBlock):
     def _calc_posterior(self, context: Context) -> Remembered:
         """Return memory, innovation and which trials have started, after the measurement of now."""
         tally("posterior", self)
-        prior: Remembered = self.cached(context, self._prior)
+        prior: Remembered = self.cached(context, self._prior) if self._prior_is_read else self._calc_prior(context)
         if prior.current:
             return prior
-        memory, started = prior.memory, prior.started
+        memory, started, now = prior.memory, prior.started, prior.time
         stream = self.read(context, "measurement")
         measurement = stream[:, self._rows]
-        if not started.all():
+        if started is not self._everyone and not started.all():
             memory, new = self._begin_late(context, memory, started, stream)
             started = started | new
             if self.start.uses_measurement:
                 measurement = np.where(new[:, None], np.nan, measurement)
             if not started.any():
-                return Remembered(memory, self._nothing(), started, True)
+                return Remembered(memory, self._nothing(), started, True, now)
         noise = self._read_noise(context)
         if noise is not None and (unknown := unknown_rows(noise)).any():
             measurement = np.where(unknown, np.nan, measurement)
-        told = None if math.isfinite(measurement.sum()) else ~np.isnan(measurement).all(axis=-1) & started
+        told = None if all_finite(measurement) else ~np.isnan(measurement).all(axis=-1) & started
         if told is not None and not told.any():
-            return Remembered(memory, self._nothing(), started, True)
+            return Remembered(memory, self._nothing(), started, True, now)
         whitener = self._whitener if noise is None else Whitener(noise)
         observation = Observation(measurement, self._read_platforms(context), whitener)
-        updated, innovation = self.update(memory, observation, self._epoch(context))
+        updated, innovation = self.update(memory, observation, Now(now, self.wiring.clock, self.draw, context))
         if told is not None and not told.all():
             # Even an update by nothing rounds, and alone such a trial is not updated at all.
             updated = {
                 group: np.where(told[:, None], value, memory[group]) if group in memory else value
                 for group, value in updated.items()
             }
-        return Remembered(updated, innovation, started, True)
+        return Remembered(updated, innovation, started, True, now)
 
     def _begin_late(self, context: Context, memory: Memory, started: Mask, stream: Array) -> tuple[Memory, Mask]:
         """Start the trials that could not start before, leave the others alone; return which have started now."""
@@ -312,20 +319,19 @@ class Estimator(EnsembleBlock):
         used: bool,
     ) -> None:
         state = discrete.get_mutable_value(self._state)
-        values = {
-            **memory,
-            "innovation": innovation.value,
-            "nis": innovation.nis,
-            "nis_dof": innovation.nis_dof,
-            "started": started,
-        }
-        for group, value in values.items():
-            state[self._places[group][0]] = value.reshape(-1)
-        state[-2:] = time, used
+        if list(memory) == self._remembered:  # all of it, as it stands in the state
+            values = [value.ravel() for value in (*memory.values(), *innovation, started)]
+            np.concatenate(values, out=state[:-3])
+        else:
+            named = {**memory, **innovation._asdict(), "started": started}
+            for group, value in named.items():
+                state[self._places[group]] = value.ravel()
+        state[-2] = time
+        state[-1] = used
 
     def _replace(self, discrete: DiscreteValues, group: str, value: Array) -> None:
         """Write one group of the memory that is stored."""
-        discrete.get_mutable_value(self._state)[self._places[group][0]] = value.reshape(-1)
+        discrete.get_mutable_value(self._state)[self._places[group]] = value.ravel()
 
     def _initialize(self, context: Context, discrete: DiscreteValues) -> None:
         """Start; a context that has been running for a while, in a Simulator of its own now, goes on as it is."""
@@ -342,7 +348,7 @@ class Estimator(EnsembleBlock):
 
     def _store(self, context: Context, discrete: DiscreteValues) -> None:
         updated = self._updated(context)
-        self._write(discrete, updated.memory, updated.innovation, updated.started, context.get_time(), used=True)
+        self._write(discrete, updated.memory, updated.innovation, updated.started, updated.time, used=True)
 
     def _store_at_tick(self, context: Context, discrete: DiscreteValues) -> None:
         if self.wiring.clock.index(context.get_time()) is not None:

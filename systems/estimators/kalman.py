@@ -13,6 +13,7 @@ from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import GaussianFilter
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.robust import StudentRows
+from quietfix.systems.linear_algebra import all_finite
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.starts.start import Start
@@ -65,8 +66,9 @@ class KalmanEstimator(Estimator):
 
     def moments(self, memory: Memory) -> tuple[Array, Array]:
         """See `Estimator.moments`."""
-        n = self.motion.size
-        return memory["mean"], memory["covariance"].reshape(-1, n, n)
+        mean = memory["mean"]
+        n = mean.shape[-1]
+        return mean, memory["covariance"].reshape(-1, n, n)
 
     def predict(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
         """See `Estimator.predict`."""
@@ -81,7 +83,7 @@ class KalmanEstimator(Estimator):
         """See `Estimator.update`; a trial without a finite belief is set aside and stays so."""
         mean, covariance = self.moments(memory)
         lost = None
-        if not np.isfinite(mean.sum() + covariance.sum()):
+        if not (all_finite(mean) and all_finite(covariance)):
             lost = ~(np.all(np.isfinite(mean), axis=-1) & np.all(np.isfinite(covariance), axis=(-1, -2)))
             mean = np.where(lost[:, None], 1.0, mean)
             covariance = np.where(lost[:, None, None], np.eye(mean.shape[-1]), covariance)

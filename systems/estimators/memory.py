@@ -7,10 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.systems.framework import Context
 
+from quietfix.systems.clocks import Clock
 from quietfix.systems.signals import Draw
 
-__all__ = ["TO_COME", "Epoch", "Innovation", "Memory", "Remembered"]
+__all__ = ["TO_COME", "Epoch", "Innovation", "Memory", "Now", "Remembered"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -24,17 +26,15 @@ class Epoch:
     ----------
     time : float
         [s].
-    tick : int, callable or None
-        Index of the tick, None between ticks; a callable is asked only when somebody wants to know.
-    draw : Draw or callable
-        The run's random numbers; likewise.
+    tick : int or None
+        Index of the tick, None between ticks.
+    draw : Draw
+        The run's random numbers.
     """
 
     __slots__ = ("_draw", "_tick", "time")
 
-    def __init__(
-        self, time: float, tick: int | Callable[[], int | None] | None, draw: Draw | Callable[[], Draw]
-    ) -> None:
+    def __init__(self, time: float, tick: int | None, draw: Draw) -> None:
         self.time = time
         self._tick = tick
         self._draw = draw
@@ -42,12 +42,45 @@ class Epoch:
     @property
     def tick(self) -> int | None:
         """Index of the tick, None between ticks."""
-        return self._tick() if callable(self._tick) else self._tick
+        return self._tick
 
     @property
     def draw(self) -> Draw:
         """The run's random numbers."""
-        return self._draw() if callable(self._draw) else self._draw
+        return self._draw
+
+
+class Now(Epoch):
+    """The instant of a context, which is asked only for what somebody wants to know; not to be kept.
+
+    Parameters
+    ----------
+    time : float
+        [s].
+    clock : Clock
+        Whose tick it is.
+    draw_of : callable
+        Returns the random numbers of a context.
+    context : Context
+    """
+
+    __slots__ = ("_clock", "_context", "_draw_of")
+
+    def __init__(self, time: float, clock: Clock, draw_of: Callable[[Context], Draw], context: Context) -> None:
+        self.time = time
+        self._clock = clock
+        self._draw_of = draw_of
+        self._context = context
+
+    @property
+    def tick(self) -> int | None:
+        """See `Epoch.tick`."""
+        return self._clock.index(self.time)
+
+    @property
+    def draw(self) -> Draw:
+        """See `Epoch.draw`."""
+        return self._draw_of(self._context)
 
 
 class Innovation(NamedTuple):
@@ -64,16 +97,17 @@ TO_COME = Innovation(np.empty(0), np.empty(0), np.empty(0))  # of a prior
 class Remembered:
     """What a cache holds: memory, innovation, which trials have started; the moments when they are first asked for.
 
-    ``current`` says that the measurement of now is in it.
+    ``current`` says that the measurement of now, ``time`` [s], is in it.
     """
 
-    __slots__ = ("_moments", "current", "innovation", "memory", "started")
+    __slots__ = ("_moments", "current", "innovation", "memory", "started", "time")
 
-    def __init__(self, memory: Memory, innovation: Innovation, started: Mask, current: bool) -> None:
+    def __init__(self, memory: Memory, innovation: Innovation, started: Mask, current: bool, time: float) -> None:
         self.memory = memory
         self.innovation = innovation
         self.started = started
         self.current = current
+        self.time = time
         self._moments: tuple[Array, Array] | None = None
 
     def moments(self, summarise: Callable[[Memory], tuple[Array, Array]]) -> tuple[Array, Array]:

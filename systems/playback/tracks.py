@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -35,6 +36,8 @@ class Tracked(EnsembleBlock):
         self._tracks = list(tracks)
         # samples of two tracks that differ by rounding are one tick
         self.clock = Times(Merged(self._tracks).ticks(np.inf))
+        self._sought: tuple[int, float] = (0, -math.inf)
+        self._found: int | None = None
         self._track = self.DeclareNumericParameter(BasicVector([0.0]))
 
     @property
@@ -44,8 +47,12 @@ class Tracked(EnsembleBlock):
 
     def playing(self, context: Context) -> tuple[int, int | None]:
         """Return which track plays, and which of its samples is now; None between them."""
-        track = int(context.get_numeric_parameter(self._track).value()[0])
-        return track, self._tracks[track].index(context.get_time())
+        # the parameter of a single track is 0: to look it up costs a third of playing a sample
+        track = int(context.get_numeric_parameter(self._track).value()[0]) if len(self._tracks) > 1 else 0
+        time = context.get_time()
+        if (track, time) != self._sought:  # the ports of a block are read one after the other
+            self._sought, self._found = (track, time), self._tracks[track].index(time)
+        return track, self._found
 
     def select(self, root_context: Context, track: int) -> float:
         """Let a context play a track.

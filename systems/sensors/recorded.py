@@ -153,9 +153,10 @@ class RecordedMeasurements(Tracked):
 
     def _serve(self, name: str, trials: int, size: int) -> None:
         gap = np.full((trials, size), np.nan)
+        values: list[Array] = [getattr(recording, name) for recording in self.recordings]
 
         def value(context: Context) -> Array:
             track, sample = self.playing(context)
-            return gap if sample is None else getattr(self.recordings[track], name)[sample]
+            return gap if sample is None else values[track][sample]
 
         self.declare_output(name, trials, size, value, self.track_tickets)

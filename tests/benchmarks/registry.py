@@ -13,6 +13,7 @@ __all__ = ["COMPARISONS", "comparison"]
 COMPARISONS: dict[str, str] = {
     "iterated_filter": "tests.benchmarks.iterated_filter:compare",
     "diagram_overhead": "tests.benchmarks.diagram_overhead:compare",
+    "diagram_step": "tests.benchmarks.diagram_step:compare",
     "one_linearisation": "tests.benchmarks.one_linearisation:compare",
     "rocket_filter": "tests.benchmarks.rocket_filter:compare",
     "ensemble_size": "tests.benchmarks.ensemble_size:compare",
