@@ -150,7 +150,7 @@ class LineReader:
     def _doubt(self, said: dict[str, Any], time: float, number: int, value: float, scale: float) -> None:
         """Count what is believed all the same, as it is in a table."""
         row = self._rows[number]
-        if row.kind in ("tdoa", "toa"):
+        if row.compares_clocks:
             most = self._light.most(number, time)
             if abs(value) > most + _SIGMAS * scale * self._believed[number]:
                 words = (

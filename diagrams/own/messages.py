@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from quietfix.diagrams.own.declaring.sensing import placed_sensors
-from quietfix.diagrams.own.fed.rows import rows_of
 from quietfix.diagrams.own.fields.schema import OwnScenario
 from quietfix.diagrams.own.system import places_of
 from quietfix.diagrams.paths.records import Setting
@@ -37,9 +36,9 @@ def write_message(measurements: Path, scenario: OwnScenario, path: Path) -> list
     began = Setting(scenario.duration_s, scenario.start_utc, measurements.parent).began()
     if began is None:
         raise UserError("start_utc: null is not allowed for a Tracking Data Message; such as 2026-03-01T12:00:00Z")
-    places = places_of(scenario)
-    rows = rows_of([kind for one in placed_sensors(scenario, places) for kind in one.kinds], places)
-    carriers = {row.receiver: row.carrier for row in rows if row.kind == "frequency"}
+    sensors = placed_sensors(scenario, places_of(scenario))
+    rows = [row for one in sensors for kind in one.kinds for row in kind.rows]
+    carriers = {row.receiver: row.carrier for row in rows if row.carrier}
     header = {"CREATION_DATE": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S"), "ORIGINATOR": "QUIETFIX"}
     zero = posix_to_tai(began[0]), began[1]
     message, notes = message_of_table(read_measurements(measurements), zero, header, carriers)

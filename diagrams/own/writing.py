@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from quietfix.diagrams.own.declaring.sensing import placed_sensors
 from quietfix.diagrams.own.fed.measured import believed_noise
-from quietfix.diagrams.own.fed.rows import Row, rows_of
 from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.own.kinds.kind import Row
 from quietfix.diagrams.own.system import places_of
 from quietfix.diagrams.quantities.states import POSITION, VELOCITY
 from quietfix.diagrams.schema.errors import UserError
@@ -55,7 +55,7 @@ def write_measurements(dataset: xr.Dataset, scenario: object, path: FilePath) ->
         )
     places = places_of(scenario)
     kinds = [kind for one in placed_sensors(scenario, places) for kind in one.kinds]
-    rows = rows_of(kinds, places)
+    rows = [row for kind in kinds for row in kind.rows]
     sigmas = np.sqrt(np.diagonal(believed_noise(kinds)))
     times = dataset["time"].values
     owners = [kind for kind in kinds for model in (kind.real, *kind.links) for _ in model.names]

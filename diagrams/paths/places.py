@@ -35,6 +35,10 @@ class Places:
     constants: GravityConstants
     bias: int | None = None
 
+    def or_first(self, name: str) -> str:
+        """Return the name of a platform, of the first one where it is empty."""
+        return name or next(iter(self.platforms))
+
     def number(self, name: str, where: str) -> int:
         """Return the number of a platform; a `UserError` names the field where there is none of that name."""
         return self.platforms[choose(where, name, self.platforms)]

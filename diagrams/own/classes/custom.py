@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from quietfix.diagrams.own.kinds.kind import MeasurementKind
 from quietfix.diagrams.paths.places import Places
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.documented import documented, text
@@ -14,7 +15,7 @@ __all__ = ["Custom"]
 
 
 @dataclass
-class Custom:
+class Custom(MeasurementKind):
     """A measurement model of one's own: ``!Custom {class: package.module:Class, options: {...}}``."""
 
     class_: str = text("where the class is: package.module:Class, beside this file, say")

@@ -14,9 +14,9 @@ from quietfix.diagrams.assembly.model import Part
 from quietfix.diagrams.own.declaring.resolving import two_differences
 from quietfix.diagrams.own.declaring.sensing import Measured
 from quietfix.diagrams.own.declaring.target import spread_of
-from quietfix.diagrams.own.fields.kinds import Phase
 from quietfix.diagrams.own.fields.schema import Given, OwnScenario, Prior
 from quietfix.diagrams.own.fields.starts import KnownHeight, Snapshot
+from quietfix.diagrams.own.kinds.phase import Phase
 from quietfix.diagrams.parts.formation import gravity_constants
 from quietfix.diagrams.parts.sensing import TargetSensor
 from quietfix.diagrams.paths.functions import Path, path_of

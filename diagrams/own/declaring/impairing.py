@@ -4,38 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import partial
-
-import numpy as np
-from numpy.typing import NDArray
 
 from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.own.declaring.sensing import Measured, PlacedSensor
-from quietfix.diagrams.own.fields.kinds import Bearing, Tdoa, Toa
+from quietfix.diagrams.own.fields.sensors import KINDS
 from quietfix.diagrams.parts.impairment import Impaired, Mount
 from quietfix.diagrams.parts.sensor_errors import CommonErrors, SensorErrors, refuse
 from quietfix.diagrams.quantities.frame import Frame
 from quietfix.diagrams.schema.errors import choose
-from quietfix.systems.angles.bearing import Bearing as BearingModel
-from quietfix.systems.angles.phase import InterferometerPhase
-from quietfix.systems.geometry.body_frame import body_frame
-from quietfix.systems.measurement.differenced import Differenced
 from quietfix.systems.plants.joined import Joined
 
 __all__ = ["Together", "impaired"]
 
-Array = NDArray[np.float64]
+_DIRECTED = " and ".join(kind.directions for kind in KINDS if kind.directions)
+_COMPARING = " or ".join(f"a !{kind.__name__}" for kind in KINDS if kind.compares_clocks)
 
 
 def impaired(one: PlacedSensor, frame: Frame, platforms: Sequence[str]) -> Impaired:
     """Return the part that impairs what a sensor reads; a `UserError` names errors that it cannot have."""
     refused = {"platform": "platform_errors says how well the platforms are known"}
     mounts = [mount for kind in one.kinds for mount in _mounts(kind, frame)]
-    clocks = {row: pair for kind in one.kinds for row, pair in _clocks(kind).items()}
+    clocks = {row: pair for kind in one.kinds for row, pair in _clocks(kind, list(platforms)).items()}
     if not mounts:
-        refused["attitude"] = "only a !Bearing in local axes and a !Phase have a direction that they may be off in"
+        refused["attitude"] = f"only {_DIRECTED} have a direction that they may be off in"
     if not clocks:
-        refused["clock_offset"] = "only a !Tdoa or a !Toa compares clocks"
+        refused["clock_offset"] = f"only {_COMPARING} compares clocks"
     where, errors = f"sensors.{one.name}.errors", one.field.errors
     refuse(errors, where, refused)
     compared = {number for pair in clocks.values() for number in pair}
@@ -57,25 +50,12 @@ def impaired(one: PlacedSensor, frame: Frame, platforms: Sequence[str]) -> Impai
 
 
 def _mounts(kind: Measured, frame: Frame) -> list[Mount]:
-    model = kind.real
-    if isinstance(kind.field, Bearing) and isinstance(model, BearingModel) and frame.flat:
-        return [Mount(model.names, model.platform)]
-    if isinstance(model, InterferometerPhase):
-        rows = [row for part in (model, *kind.links) for row in part.names]
-        return [Mount(rows, model.platform, partial(_body, model.earth_rate))]
-    return []
+    return kind.field.mounts(kind.real, [row.name for row in kind.rows], frame)
 
 
-def _body(earth_rate: float, carrier: Array) -> Array:
-    """Return the axes of a satellite that points to nadir."""
-    return body_frame(carrier[..., None, :], 0, earth_rate)
-
-
-def _clocks(kind: Measured) -> dict[str, tuple[int, int]]:
-    model = kind.real
-    if not (isinstance(kind.field, Tdoa | Toa) and isinstance(model, Differenced)):
-        return {}
-    return {row: (receiver, model.reference) for row, receiver in zip(model.names, model.receivers, strict=True)}
+def _clocks(kind: Measured, platforms: list[str]) -> dict[str, tuple[int, int]]:
+    compared = [row for row in kind.rows if row.compares_clocks]
+    return {row.name: (platforms.index(row.receiver), platforms.index(row.reference)) for row in compared}
 
 
 @dataclass(frozen=True)

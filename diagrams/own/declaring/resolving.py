@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.own.declaring.sensing import Measured
-from quietfix.diagrams.own.fields.kinds import Phase
 from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.own.kinds.phase import Phase
 from quietfix.diagrams.parts.resolving import PhaseResolution
 from quietfix.diagrams.schema.errors import UserError, choose
 from quietfix.systems.angles.phase import InterferometerPhase

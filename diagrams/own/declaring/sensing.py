@@ -8,9 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, cast
 
-from quietfix.diagrams.own.fields.kinds import Kind, Phase
 from quietfix.diagrams.own.fields.schema import OwnScenario
-from quietfix.diagrams.own.fields.sensors import Joint, Sensor
+from quietfix.diagrams.own.fields.sensors import Joint, Kind, Sensor
+from quietfix.diagrams.own.kinds.kind import Row
+from quietfix.diagrams.own.kinds.phase import Phase
 from quietfix.diagrams.paths.places import Places, Timed
 from quietfix.diagrams.schema.errors import UserError, choose
 from quietfix.systems.angles.phase import InterferometerPhase
@@ -73,6 +74,8 @@ class Measured:
         As it is.
     believed : MeasurementModel
         As estimators believe it to be.
+    rows : sequence of Row
+        What is measured, as a table names it: of the model, and of the links one after the other.
     links : sequence of InterferometerPhase
         Shorter baselines that resolve its phases.
     """
@@ -83,6 +86,7 @@ class Measured:
     timed: Timed
     real: MeasurementModel
     believed: MeasurementModel
+    rows: Sequence[Row]
     links: Sequence[InterferometerPhase] = ()
 
     @property
@@ -243,8 +247,9 @@ def _kind(
     path: str = "belief.sensors",
 ) -> Measured:
     """Return one kind of measurement, as it is and as it is believed to be."""
-    real = believed = _model(field, places, where)
-    links = field.chain(places, where) if isinstance(field, Phase) else []
+    real, rows = _model(field, places, where)
+    believed = real
+    chain = field.chain(places, where) if isinstance(field, Phase) else []
     if name in beliefs:
         assumed, path = beliefs[name], f"{path}.{name}"
         if isinstance(assumed, Joint):
@@ -253,10 +258,11 @@ def _kind(
             _check_timed_alike(assumed, timed, path)
         if isinstance(assumed, Phase) and isinstance(field, Phase):
             _check_resolved_alike(assumed, field, path, where)
-        believed = _model(assumed, places, path)
+        believed, _ = _model(assumed, places, path)
     if list(believed.names) != list(real.names):
         raise UserError(f"{path}: rows {list(believed.names)} are not allowed; the sensor has {list(real.names)}")
-    return Measured(name, where, field, timed, real, believed, links)
+    rows = [*rows, *(row for _, own in chain for row in own)]
+    return Measured(name, where, field, timed, real, believed, rows, [link for link, _ in chain])
 
 
 def _check_timed_alike(assumed: Timed, timed: Timed, path: str) -> None:
@@ -310,9 +316,9 @@ def _check_name(name: str, where: str, scenario: OwnScenario) -> None:
         raise UserError(f"{where}: the name {name} is not allowed; something else in the diagram has it")
 
 
-def _model(field: Kind, places: Places, where: str) -> MeasurementModel:
+def _model(field: Kind, places: Places, where: str) -> tuple[MeasurementModel, list[Row]]:
     try:
-        return field.model(places, where)
+        return field.placed(places, where)
     except UserError:
         raise
     except ValueError as error:

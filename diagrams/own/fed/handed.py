@@ -12,9 +12,9 @@ from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.assembly.recorded import Recorded
 from quietfix.diagrams.own.declaring.sensing import Measured
 from quietfix.diagrams.own.fed.measured import believed_noise, refuse_simulated
-from quietfix.diagrams.own.fed.rows import Row, rows_of
 from quietfix.diagrams.own.fields.schema import OwnScenario, Prior
 from quietfix.diagrams.own.fields.starts import KnownHeight
+from quietfix.diagrams.own.kinds.kind import Row
 from quietfix.diagrams.paths.functions import Path
 from quietfix.diagrams.paths.movers import (
     Fixed,
@@ -139,7 +139,7 @@ def handed(
         for name, one in scenario.platforms.items()
     )
     return Handed(
-        rows=rows_of(kinds, places),
+        rows=[row for kind in kinds for row in kind.rows],
         noise_covariance=believed_noise(kinds),
         clock=Driven(usual),
         scaled=False,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.diagrams.own.fed.rows import Row
+from quietfix.diagrams.own.kinds.kind import Alias, Row
 from quietfix.diagrams.readers.measurements import MeasurementTable, Series
 from quietfix.diagrams.readers.units import factor_of
 from quietfix.diagrams.schema.errors import UserError, choose
@@ -18,11 +18,7 @@ __all__ = ["Matched", "Meaning", "beyond", "matched", "meaning_of"]
 
 Array = NDArray[np.float64]
 
-_ALIASES = {"bearing": "azimuth", "doppler": "frequency", "received_frequency": "frequency"}
-"""Kinds that are a row's after a conversion: a bearing is clockwise from north, a received frequency is a whole one."""
-
 _DBW = 30.0  # dBm
-_TURN = 2 * np.pi * (1 + 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,25 +95,22 @@ def meaning_of(series: Series, rows: Sequence[Row]) -> Meaning:
     UserError
         For a kind, receiver or reference that no sensor has, and a unit of something else.
     """
-    kind = _ALIASES.get(series.kind, series.kind)
-    offered = dict.fromkeys([*(row.kind for row in rows), *_offered(rows)])
-    with_kind = [i for i, row in enumerate(rows) if row.kind == kind and (row.compass or series.kind != "bearing")]
-    if not with_kind or series.kind not in offered:
-        choose("kind", series.kind, offered)
-    i, sign = _found(series, rows, with_kind)
-    row = rows[i]
+    of_kind = {i: alias for i, row in enumerate(rows) for alias in _names(row) if alias.kind == series.kind}
+    if not of_kind:
+        choose("kind", series.kind, dict.fromkeys(one.kind for row in rows for one in _names(row)))
+    i, sign = _found(series, rows, list(of_kind))
+    row, alias = rows[i], of_kind[i]
     try:
         power = series.unit == "dBW" and row.unit == "dBm"
         factor = 1.0 if power else factor_of(series.unit, row.unit)
     except ValueError as error:
         raise UserError(f"unit: {error} for {row.name}") from error
-    offset = _DBW if power else -row.carrier if series.kind == "received_frequency" else 0.0
-    return Meaning(i, sign * factor, offset, series.kind == "bearing")
+    return Meaning(i, sign * factor, _DBW if power else alias.offset, alias.compass)
 
 
-def _offered(rows: Sequence[Row]) -> list[str]:
-    kinds = {row.kind for row in rows if row.compass or row.kind != "azimuth"}
-    return [alias for alias, kind in _ALIASES.items() if kind in kinds]
+def _names(row: Row) -> list[Alias]:
+    """Return what a table may call a row, its own kind first."""
+    return [Alias(row.kind), *row.aliases]
 
 
 def _found(series: Series, rows: Sequence[Row], of_kind: Sequence[int]) -> tuple[int, float]:
@@ -144,31 +137,17 @@ def _found(series: Series, rows: Sequence[Row], of_kind: Sequence[int]) -> tuple
 def _check(table: MeasurementTable, rows: Sequence[Row], row: NDArray[np.int64], value: Array) -> None:
     """Refuse what cannot be: mostly a unit that is another one than the table says."""
     for i, one in enumerate(rows):
-        most = _most(one)
-        if not most:
+        if not one.largest:
             continue
-        for k in np.flatnonzero((row == i) & (np.abs(value) > most))[:1]:
+        for k in np.flatnonzero((row == i) & (np.abs(value) > one.largest))[:1]:
             raise table.wrong(int(k), beyond(one, float(value[k]), float(table.value[k]), table.series[table.which[k]]))
-
-
-def _most(row: Row) -> float:
-    """Return the largest value of a row that can be; 0: there is no limit."""
-    if row.kind == "azimuth":
-        return _TURN
-    return np.pi / 2 if row.kind == "elevation" else 0.5 * row.carrier
 
 
 def beyond(row: Row, value: float, written: float, series: Series) -> str:
     """Return what is wrong with a value (SI units) that cannot be, as it is written; empty where it can."""
-    most = _most(row)
-    if not most or not abs(value) > most:
+    if not row.largest or not abs(value) > row.largest:
         return ""
-    words = (
-        f"at most {'a turn' if row.kind == 'azimuth' else 'a right angle'} either way"
-        if row.kind in ("azimuth", "elevation")
-        else f"counted from the carrier of {row.carrier:g} Hz, a whole one is kind received_frequency"
-    )
-    return f"value: {written:g} {series.unit} is not allowed for {row.name}; {words}"
+    return f"value: {written:g} {series.unit} is not allowed for {row.name}; {row.largest_words}"
 
 
 def _notes(table: MeasurementTable, rows: Sequence[Row], row: NDArray[np.int64]) -> list[str]:

@@ -17,7 +17,6 @@ from quietfix.diagrams.own.declaring.sensing import Measured
 from quietfix.diagrams.own.fed.plausible import beyond_light
 from quietfix.diagrams.own.fed.played import Played, played, table_of
 from quietfix.diagrams.own.fed.report import measured_report
-from quietfix.diagrams.own.fed.rows import rows_of
 from quietfix.diagrams.own.fed.truth import read_truth
 from quietfix.diagrams.own.fields.schema import OwnScenario, Prior
 from quietfix.diagrams.own.fields.starts import KnownHeight
@@ -104,7 +103,7 @@ def measured(
     refuse_simulated(scenario, bool(truth))
     began = None if scenario.start_utc is None else setting.began()
     start = None if began is None else (posix_to_tai(began[0]), began[1])
-    rows = rows_of(kinds, places)
+    rows = [row for kind in kinds for row in kind.rows]
     found = played(table, table.seconds(start), rows, believed_noise(kinds), scenario.duration_s)
     resolved = [kind.where for kind in kinds if kind.resolved]
     if found.scaled and resolved:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.diagrams.own.fed.played import Played
-from quietfix.diagrams.own.fed.rows import Row
+from quietfix.diagrams.own.kinds.kind import Row
 from quietfix.systems.constants import SPEED_OF_LIGHT
 
 __all__ = ["beyond_light"]
@@ -43,7 +43,7 @@ def beyond_light(
     sigmas = np.sqrt(np.diagonal(fed.noise_covariance))
     notes = []
     for i, row in enumerate(rows):
-        if row.kind not in ("tdoa", "toa"):
+        if not row.compares_clocks:
             continue
         apart = np.linalg.norm(places[:, platforms[row.receiver]] - places[:, platforms[row.reference]], axis=-1)
         most = float(np.nanmax(apart)) / SPEED_OF_LIGHT

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.own.fed.matching import Matched, matched
-from quietfix.diagrams.own.fed.rows import Row
+from quietfix.diagrams.own.kinds.kind import Row
 from quietfix.diagrams.paths.functions import Path
 from quietfix.diagrams.readers.ccsds.tdm_table import TDM_SUFFIXES, tdm_measurements
 from quietfix.diagrams.readers.measurements import MeasurementTable, read_measurements

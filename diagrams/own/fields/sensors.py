@@ -2,89 +2,55 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Any
 
-from quietfix.diagrams.own.fields import kinds
-from quietfix.diagrams.own.fields.kinds import Kind
+from quietfix.diagrams.own.kinds.kind import MeasurementKind
 from quietfix.diagrams.paths.places import Timed
 from quietfix.systems.documented import documented
+from quietfix.systems.registry import object_at
 
-__all__ = [
-    "Altitude",
-    "Bearing",
-    "Custom",
-    "Fdoa",
-    "Frequency",
-    "Joint",
-    "Phase",
-    "Range",
-    "RangeRate",
-    "Relative",
-    "Rss",
-    "Sensor",
-    "Tdoa",
-    "Toa",
-]
+__all__ = ["KINDS", "Joint", "Kind", "Sensor", "TimedKind"]
 
-
-@dataclass
-class Tdoa(kinds.Tdoa, Timed):
-    """Time differences of arrival against a reference."""
-
-
-@dataclass
-class Toa(kinds.Toa, Timed):
-    """Times of arrival of a signal whose time of emission nobody knows."""
+KINDS: tuple[type[MeasurementKind], ...] = tuple(
+    object_at(f"quietfix.diagrams.own.{path}")
+    for path in (
+        "kinds.tdoa:Tdoa",
+        "kinds.toa:Toa",
+        "kinds.fdoa:Fdoa",
+        "kinds.range:Range",
+        "kinds.range_rate:RangeRate",
+        "kinds.frequency:Frequency",
+        "kinds.bearing:Bearing",
+        "kinds.altitude:Altitude",
+        "kinds.rss:Rss",
+        "kinds.phase:Phase",
+        "kinds.relative:Relative",
+        "classes.custom:Custom",
+    )
+)
+"""Every kind of measurement, by its file and class; a new one is its file in ``kinds`` and one line here."""
 
 
 @dataclass
-class Fdoa(kinds.Fdoa, Timed):
-    """Differences of the received frequency against a reference."""
+class TimedKind(MeasurementKind, Timed):
+    """A kind of measurement as a sensor: with a clock, a mask and errors of its own."""
 
 
-@dataclass
-class Range(kinds.Range, Timed):
-    """Distances."""
+def _timed(kind: type[MeasurementKind]) -> Any:
+    """Return the sensor that measures a kind: its fields are those of `Timed`, and then those of the kind."""
+    made = make_dataclass(kind.__name__, [], bases=(kind, TimedKind), namespace={"__doc__": kind.__doc__})
+    made.__module__ = __name__
+    return made
 
 
-@dataclass
-class RangeRate(kinds.RangeRate, Timed):
-    """Rates of the distances, positive away."""
-
-
-@dataclass
-class Frequency(kinds.Frequency, Timed):
-    """Received frequencies, less the carrier: Doppler and, where the scenario has one, the emitter's oscillator."""
-
-
-@dataclass
-class Bearing(kinds.Bearing, Timed):
-    """Azimuth and elevation at one platform, in local axes or over its horizon."""
-
-
-@dataclass
-class Altitude(kinds.Altitude, Timed):
-    """The target's height, as it reports it or as it is assumed: above the ellipsoid, or z in local axes."""
-
-
-@dataclass
-class Rss(kinds.Rss, Timed):
-    """Received powers of an emitter of known power, by the log-distance law."""
-
-
-@dataclass
-class Phase(kinds.Phase, Timed):
-    """Phase differences of an interferometer that points to nadir: baseline a along the satellite's track, b across."""
-
-
-@dataclass
-class Relative(kinds.Relative, Timed):
-    """What a satellite measures of another one, in inertial axes; null: that is not measured."""
-
-
-@dataclass
-class Custom(kinds.Custom, Timed):
-    """A measurement model of one's own: ``!Custom {class: package.module:Class, options: {...}}``."""
+if TYPE_CHECKING:
+    Kind = MeasurementKind
+else:
+    Kind = reduce(or_, KINDS)
+"""Whatever is measured."""
 
 
 @dataclass
@@ -96,7 +62,8 @@ class Joint(Timed):
     )
 
 
-Sensor = (
-    Tdoa | Toa | Fdoa | Range | RangeRate | Frequency | Bearing | Altitude | Rss | Phase | Relative | Custom | Joint
-)
+if TYPE_CHECKING:
+    Sensor = TimedKind | Joint
+else:
+    Sensor = reduce(or_, [*map(_timed, KINDS), Joint])
 """Whatever measures."""
