@@ -12,10 +12,14 @@ from quietfix.diagrams.commands.arguments import (
     ESTIMATOR,
     MEASUREMENTS,
     PLATFORMS,
+    RATE,
+    RECORDINGS,
     SCENARIO,
     SET,
     SYSTEM,
     TRUTH,
+    TYPE,
+    WRITE_MEASUREMENTS,
     number,
     whole,
 )
@@ -155,9 +159,7 @@ def run(
     measurements: Annotated[Path | None, MEASUREMENTS] = None,
     truth: Annotated[Path | None, TRUTH] = None,
     platforms: Annotated[Path | None, PLATFORMS] = None,
-    write_measurements: Annotated[
-        bool, typer.Option("--write-measurements", help="Write what was measured into DIR, for --measurements.")
-    ] = False,
+    write_measurements: Annotated[bool, WRITE_MEASUREMENTS] = False,
 ) -> None:
     """Run a study: print a table; with --out write results.zarr, summary.json, figures and diagram.svg.
 
@@ -340,15 +342,7 @@ def sweep(
 @app.command(cls=ReplayHelp)
 def replay(
     dataset: Annotated[str, typer.Argument(metavar="DATASET", help="Which recording; see `quietfix list`.")],
-    file: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="[FILE]",
-            help="For `bearings`: a CSV file with columns time_s, x_m and y_m (or latitude_deg and longitude_deg), "
-            "bearing_deg clockwise from north, sigma_deg (may be empty). For `iq`: two or more SigMF recordings.",
-            show_default=False,
-        ),
-    ] = None,
+    file: Annotated[list[Path] | None, RECORDINGS] = None,
     data: Annotated[
         Path | None,
         typer.Option("--data", metavar="DIR", help="Folder of the recordings; else the variable QUIETFIX_DATA."),
@@ -364,11 +358,17 @@ def replay(
             help="Change a setting; `quietfix show DATASET` prints them, and so does `quietfix replay DATASET --help`.",
         ),
     ] = None,
+    platforms: Annotated[Path | None, PLATFORMS] = None,
+    write_measurements: Annotated[bool, WRITE_MEASUREMENTS] = False,
+    rate: Annotated[str | None, RATE] = None,
+    type_: Annotated[str | None, TYPE] = None,
 ) -> None:
     """Run a recording: `quietfix run DATASET` in fewer words."""
     from quietfix.diagrams.commands.replay import replay as run_recording
 
-    run_recording(dataset, data, out, True, file, settings or (), estimators, overwrite)
+    raw = [f"raw.{key}={value}" for key, value in (("rate_hz", rate), ("type", type_)) if value is not None]
+    chosen = [*raw, *(settings or ())]
+    run_recording(dataset, data, out, True, file, chosen, estimators, overwrite, platforms, write_measurements)
 
 
 @app.command()

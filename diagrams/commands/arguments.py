@@ -4,7 +4,22 @@ from __future__ import annotations
 
 import typer
 
-__all__ = ["DATA", "ESTIMATOR", "MEASUREMENTS", "PLATFORMS", "SCENARIO", "SET", "SYSTEM", "TRUTH", "number", "whole"]
+__all__ = [
+    "DATA",
+    "ESTIMATOR",
+    "MEASUREMENTS",
+    "PLATFORMS",
+    "RATE",
+    "RECORDINGS",
+    "SCENARIO",
+    "SET",
+    "SYSTEM",
+    "TRUTH",
+    "TYPE",
+    "WRITE_MEASUREMENTS",
+    "number",
+    "whole",
+]
 
 SYSTEM = typer.Argument(
     metavar="SYSTEM[:VARIANT]",
@@ -34,8 +49,18 @@ MEASUREMENTS = typer.Option(
 PLATFORMS = typer.Option(
     metavar="FILE",
     help="Of a system of your own in YAML: more platforms, a table with columns name, latitude_deg, longitude_deg, "
-    "height_m (or x_m, y_m, z_m) and, of those that move, time or time_s.",
+    "height_m (or x_m, y_m, z_m) and, of those that move, time or time_s. Of the recording iq: where receivers stand.",
 )
+RECORDINGS = typer.Argument(
+    metavar="[FILE]",
+    help="For `bearings`: a CSV file with columns time_s, x_m and y_m (or latitude_deg and longitude_deg), bearing_deg "
+    "clockwise from north, sigma_deg (may be empty). For `iq`: two or more recordings, SigMF or WAV, or samples alone "
+    "with --rate and --type.",
+    show_default=False,
+)
+RATE = typer.Option("--rate", metavar="HZ", help="For `iq`: sample rate of files of samples alone.")
+TYPE = typer.Option("--type", metavar="TYPE", help="For `iq`: their SigMF datatype.  [default: ci16_le]")
+WRITE_MEASUREMENTS = typer.Option("--write-measurements", help="Write what was measured into DIR, for --measurements.")
 TRUTH = typer.Option(metavar="FILE", help="With measurements: where the target was, a CSV track; errors are told then.")
 
 

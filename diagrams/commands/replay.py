@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from quietfix.diagrams.assembly.find import Found
 from quietfix.diagrams.assembly.recorded import Report
@@ -23,6 +24,8 @@ def replay(
     settings: Sequence[str] = (),
     estimators: Sequence[str] | None = None,
     overwrite: bool = False,
+    platforms: Path | str | None = None,
+    write_measurements: bool = False,
 ) -> Report | None:
     """Run a recording as ``quietfix run`` does, print its tables and, if asked, write its results.
 
@@ -44,6 +47,10 @@ def replay(
         By default those of the scenario.
     overwrite : bool
         Whether an earlier result in `out` may be replaced.
+    platforms : path, optional
+        Where receivers stand, a table, of a recording that can use one.
+    write_measurements : bool
+        Write what was measured as a table; see ``quietfix run --help``.
 
     Returns
     -------
@@ -59,7 +66,8 @@ def replay(
     found = find_recording(dataset)
     found.system.load(settings=settings)  # mistakes there show before anything is read
     files = [Path(file)] if isinstance(file, str | Path) else [Path(one) for one in file or ()]
-    asked = {"data": _places(found, data, files), "set": settings, "estimators": estimators}
+    asked: dict[str, Any] = {"data": _places(found, data, files), "set": settings, "estimators": estimators}
+    asked |= {"platforms": None if platforms is None else Path(platforms), "write_measurements": write_measurements}
     given = {key: value for key, value in asked.items() if value}
     return run_command(dataset, given, None, None if out is None else Path(out), overwrite, False, progress)
 

@@ -67,7 +67,7 @@ def run_command(
         _illustrate(dataset, study, folder.work)
         if report is not None:
             report.draw(folder.work)
-        if write:
+        if write and not _writes_itself(study.found):
             from quietfix.diagrams.own.writing import write_measurements, write_truth
 
             write_measurements(dataset, study.request.scenario, folder.work / "measurements.csv")
@@ -125,10 +125,17 @@ def _asked_for(
     if write:
         options = _to_be_written(options, out)
     study = Study(found, **options)
-    if write and "raw" in study.probe.bus:  # what is measured, before phases are resolved
+    if (
+        write and not _writes_itself(study.found) and "raw" in study.probe.bus
+    ):  # what is measured, before phases are resolved
         signals = {**study.model.signals, "raw": "raw"}
         study = Study(found, **options, model=replace(study.model, signals=signals))
     return study, bool(write)
+
+
+def _writes_itself(found: Found) -> bool:
+    """Return whether measurements are what a recording gives anyway."""
+    return not found.system.estimates
 
 
 def _to_be_written(options: Mapping[str, Any], out: Path | None) -> dict[str, Any]:
@@ -152,6 +159,8 @@ def _print_all(dataset: xr.Dataset, estimators: Mapping[str, Any], report: Repor
         print_table(report.table())
         for line in report.notes():
             say(line)
+        for further in getattr(report, "further", ()):
+            _print_all(dataset, estimators, further, True)
 
 
 def _say_interrupted(folder: OutputFolder, trials: int) -> None:

@@ -103,15 +103,19 @@ def with_measurements(
 
 
 def with_platforms(found: Found, settings: Sequence[str] | None, table: Path) -> list[str]:
-    """Return ``KEY=VALUE`` settings with the platforms of a table, of a system of a user's own.
+    """Return ``KEY=VALUE`` settings with the platforms of a table, of a system of a user's own or a recording.
 
     Raises
     ------
     UserError
         If it is another system, and as `quietfix.diagrams.readers.platforms.read_platforms`.
     """
+    if found.system.recording is not None and "platforms" in fields_of(found.system.scenario):
+        return [f"platforms={json.dumps(str(table.absolute()))}", *(settings or ())]
     if found.source != "yaml":
-        raise UserError(f"--platforms: {table} is not allowed for {found.title}; for a system of one's own in YAML")
+        raise UserError(
+            f"--platforms: {table} is not allowed for {found.title}; for a system of one's own in YAML, and for iq"
+        )
     chosen = []
     for name, rows in read_platforms(table).platforms.items():
         if not _NAME.fullmatch(name):

@@ -10,7 +10,7 @@ import sigmf
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quietfix.diagrams.commands.replay import replay
-from quietfix.diagrams.readers.sigmf_file import read_sigmf
+from quietfix.diagrams.readers.iq.sigmf_file import read_sigmf
 from quietfix.diagrams.recorded.iq import declare_recordings
 from quietfix.diagrams.recorded.settings.iq_settings import Settings
 from quietfix.diagrams.schema.errors import UserError
@@ -135,7 +135,8 @@ def test_what_is_before_the_first_capture_is_told(tmp_path, signals):
         ([{"sample_start": 0, "datetime": f"{NOON}.500Z"}, {"sample_start": 9, "datetime": f"{NOON}.400Z"}], "before"),
         ([{"sample_start": 0, "global_index": 50}, {"sample_start": 9, "global_index": 50}], "before the one before"),
         ([{"sample_start": 9}, {"sample_start": 0}], "in the order"),
-        ([{"sample_start": 0}, {"sample_start": 9, "header_bytes": 8}], "header_bytes"),
+        ([{"sample_start": 0}, {"sample_start": 9, "header_bytes": -8}], "core:header_bytes: -8"),
+        ([{"sample_start": 0}, {"sample_start": 9, "header_bytes": 3}], "cut off: 319997 bytes"),
         ([{"sample_start": SIZE}], "a capture that has samples"),
     ],
 )

@@ -212,7 +212,7 @@ META = {
 
 
 def sigmf(rng, folder):
-    from quietfix.diagrams.readers.sigmf_file import read_sigmf
+    from quietfix.diagrams.readers.iq.sigmf_file import read_sigmf
 
     np.zeros(16, np.complex64).tofile(folder / "a.sigmf-data")
     text = json.dumps(spoil(META, rng)).encode()

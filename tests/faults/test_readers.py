@@ -14,9 +14,9 @@ from quietfix.diagrams.readers.ccsds.tdm import read_tdm
 from quietfix.diagrams.readers.doptrack_data import read_passes
 from quietfix.diagrams.readers.falcon9 import falcon9_flight
 from quietfix.diagrams.readers.gpx import read_gpx
+from quietfix.diagrams.readers.iq.sigmf_file import read_sigmf
 from quietfix.diagrams.readers.locards_data import read_sets
 from quietfix.diagrams.readers.platforms import read_platforms
-from quietfix.diagrams.readers.sigmf_file import read_sigmf
 from quietfix.diagrams.recorded.kiwisdr import read_folder
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.plants.sp3 import read_sp3

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from shutil import copytree
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.diagrams.assembly.recorded import Report
 from quietfix.diagrams.console.tables import Column, Table
 from quietfix.diagrams.parts.iq_comparison import PairResult
+from quietfix.diagrams.recorded.locating.position import FOLDER, Located
+from quietfix.diagrams.recorded.locating.rows import Rows, write_rows
 from quietfix.diagrams.recorded.settings.iq_settings import Settings
 
-__all__ = ["IqReport"]
+__all__ = ["IqReport", "rows_of"]
 
 Array = NDArray[np.float64]
 
@@ -37,7 +42,15 @@ class IqReport:
     pairs : list of PairResult
         Each recording against the first.
     gaps : list of str
-        What of the recordings was not compared, in words.
+        What of the recordings was not compared, in words, and what is doubtful.
+    began : (int, float), optional
+        First sample of all in seconds of TAI since 1970.
+    phases : list of Rows
+        Between channels of one recording.
+    located : Located, optional
+        Where the emitter is; None: nobody knows where the receivers are.
+    written : TemporaryDirectory, optional
+        That of the system that located it.
     """
 
     settings: Settings
@@ -46,6 +59,19 @@ class IqReport:
     times: Array
     pairs: list[PairResult] = field(default_factory=list)
     gaps: list[str] = field(default_factory=list)
+    began: tuple[int, float] | None = None
+    phases: list[Rows] = field(default_factory=list)
+    located: Located | None = None
+    written: TemporaryDirectory[str] | None = None
+
+    @property
+    def further(self) -> list[Report]:
+        """Reports that are printed below this one: that of the position."""
+        return [] if self.located is None or self.located.report is None else [self.located.report]
+
+    def rows(self) -> list[Rows]:
+        """Return what was measured as rows of a table."""
+        return rows_of(self.pairs) + self.phases
 
     def table(self) -> Table:
         """See `Report.table`."""
@@ -72,20 +98,22 @@ class IqReport:
 
     def notes(self) -> list[str]:
         """See `Report.notes`."""
-        lines = ["differences: that recording minus the first; medians over time"]
+        lines = [f"differences: that recording minus {self.pairs[0].main}; medians over time"]
         if not self.dated:
             lines.append("the files do not say when they begin (core:datetime); they were taken to begin together")
         lines += self.gaps
+        lines += [_phase_line(one) for one in self.phases]
         lines += [f"{pair.auxiliary}: flagged: {reasons}" for pair in self.pairs if (reasons := pair.reasons())]
-        return lines
+        return lines + ([] if self.located is None else self.located.notes)
 
     def summary(self) -> Mapping[str, Any]:
         """See `Report.summary`."""
         return {
             "integration_s": self.length,
-            "settings": {one.name: getattr(self.settings, one.name) for one in fields(self.settings)},
+            "settings": asdict(self.settings),
             "gaps": self.gaps,
             "time_s": self.times.tolist(),
+            **({} if self.located is None else {"position": self._position()}),
             "pairs": {
                 f"{pair.auxiliary} - {pair.main}": {
                     "tdoa_s": _listed(pair.tdoa),
@@ -99,8 +127,14 @@ class IqReport:
             },
         }
 
+    def _position(self) -> dict[str, Any]:
+        """Return what is known of the place, for ``summary.json``."""
+        assert self.located is not None
+        told = [] if self.located.report is None else self.located.report.summary()["targets"]
+        return {"notes": self.located.notes, "estimates": told}
+
     def draw(self, folder: Path) -> list[Path]:
-        """See `Report.draw`: the figure, and the same numbers as CSV."""
+        """See `Report.draw`: figure, the same numbers as CSV, measurements as a table, and what the position gave."""
         from quietfix.diagrams.figures.style import save
         from quietfix.diagrams.recorded.reports.iq_figures import draw_differences
 
@@ -111,10 +145,15 @@ class IqReport:
             )
             for pair in self.pairs
         }
-        return [
+        found = [
             save(draw_differences(pairs, self.times, self.length), folder / "differences.png"),
             self._write(folder / "differences.csv"),
+            folder / "measurements.csv",
         ]
+        write_rows(found[-1], self.began, self.times, self.rows())
+        if self.written is not None:
+            found.append(Path(copytree(self.written.name, folder / FOLDER)))
+        return found + [path for one in self.further for path in one.draw(folder)]
 
     def _write(self, path: Path) -> Path:
         with path.open("w", encoding="utf-8", newline="") as stream:
@@ -128,6 +167,24 @@ class IqReport:
                     numbers = [f"{column[k]:.12g}" if np.isfinite(column[k]) else "" for column in columns]
                     writer.writerow([f"{time:.9f}", pair.main, pair.auxiliary, *numbers, int(pair.flag[k])])
         return path
+
+
+def rows_of(pairs: Sequence[PairResult]) -> list[Rows]:
+    """Return TDOA, then FDOA, of all pairs as rows of a table."""
+    tdoa = [Rows("tdoa", one.auxiliary, one.main, "s", one.tdoa, one.sigma_tdoa) for one in pairs]
+    return tdoa + [Rows("fdoa", one.auxiliary, one.main, "Hz", one.fdoa, one.sigma_fdoa) for one in pairs]
+
+
+def _phase_line(one: Rows) -> str:
+    found = one.there
+    if not found.any():
+        return f"{one.receiver}: no phase against {one.reference}"
+    mean = np.angle(np.exp(1j * one.value[found]).mean(), deg=True)
+    sigma = np.degrees(np.median(one.sigma[found]))
+    return (
+        f"{one.receiver}: phase against {one.reference} {mean:.2f} deg (mean of {np.count_nonzero(found)}; one has a "
+        f"sigma of {sigma:.2g} deg)"
+    )
 
 
 def _listed(values: Array) -> list[float | None]:

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from quietfix.diagrams.recorded.settings.position_settings import PositionSettings
 from quietfix.systems.ambiguity.differences import Window
 from quietfix.systems.ambiguity.prefilter import Band, Everything, Prefilter
-from quietfix.systems.documented import documented, number
+from quietfix.systems.documented import choice, documented, number, text
 from quietfix.systems.options.choice import EstimatorChoice
 
 __all__ = ["Settings"]
 
 _ALL = 1e12  # Hz; beyond any sample rate
+
+
+@dataclass
+class RawSettings:
+    """What files without a header are."""
+
+    rate_hz: float = number("sample rate; 0: there are no such files", 0.0, at_least=0.0)
+    type: str = text("SigMF datatype of the samples", "ci16_le")
+    frequency_mhz: float = number("to which the receivers were tuned", 0.0, at_least=0.0)
 
 
 @dataclass
@@ -35,7 +45,17 @@ class Settings:
         at_least=0.0,
         at_most=1.0,
     )
-    data: list[str] = documented("the recordings, SigMF files; each is compared with the first", factory=list)
+    reference: str = text("receiver that the others are compared with; empty: the first")
+    receivers: list[str] = documented("names of the receivers in the order of the files; empty: theirs", factory=list)
+    platforms: str = text("where the receivers stand, a table: name, latitude_deg, longitude_deg, height_m", "")
+    clocks: str = choice(
+        "sample clocks. as_recorded: what they drift is said; corrected: and taken away, from the first sample on",
+        "as_recorded",
+        ("as_recorded", "corrected"),
+    )
+    position: PositionSettings = documented("what is assumed of the emitter", factory=PositionSettings)
+    raw: RawSettings = documented("what files without a header are", factory=RawSettings)
+    data: list[str] = documented("the recordings; each is compared with the reference", factory=list)
     estimators: dict[str, EstimatorChoice] = documented("none: nothing is estimated", factory=dict)
 
     @property

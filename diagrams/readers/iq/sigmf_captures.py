@@ -9,16 +9,18 @@ unless one lies below the offset, which no absolute one can.
 from __future__ import annotations
 
 import itertools
+import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from quietfix.diagrams.readers.instants import instant
 
-__all__ = ["Capture", "Part", "captures_of", "finite", "parts_of", "whole"]
+__all__ = ["Capture", "Part", "captures_of", "finite", "parts_of", "place_of", "whole"]
 
 _LARGEST = 1e15  # Hz
+_HIGHEST = 1e8  # m
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,10 @@ class Capture:
         UTC, see `quietfix.diagrams.readers.instants.instant`.
     resolution : float
         Of the stamp: a unit of its last digit [s].
+    header : int
+        Bytes in the file before it that are no samples.
+    place : tuple of float, or None
+        Latitude, longitude [deg], height above the ellipsoid [m].
     """
 
     first: int
@@ -45,6 +51,8 @@ class Capture:
     frequency: float
     stamp: tuple[int, float] | None
     resolution: float
+    header: int
+    place: tuple[float, float, float] | None
 
 
 @dataclass(frozen=True)
@@ -59,12 +67,15 @@ class Part:
         [Hz]
     begin : float
         Since the first sample of the recording [s].
+    header : int
+        Bytes in the file before it that are no samples.
     """
 
     first: int
     count: int
     frequency: float
     begin: float
+    header: int
 
 
 def captures_of(
@@ -86,10 +97,6 @@ def captures_of(
     ValueError
         If the data are shorter than what is said of them, or a capture is not allowed; it names the field.
     """
-    if any(capture.get("core:header_bytes", 0) for capture in captures[1:]):
-        raise ValueError(
-            "core:header_bytes behind the first capture is not allowed; bytes between samples are not read"
-        )
     told = [whole("core:sample_start", one.get("core:sample_start", 0)) for one in (*captures, *annotations)]
     shift = offset if told and min(told) >= offset else 0
     starts = [one - shift for one in told[: len(captures)]] or [0]
@@ -102,7 +109,9 @@ def captures_of(
         raise ValueError(f"core:sample_start {starts} is not allowed; captures in the order of their samples")
     found = []
     absolute = told[: len(captures)] or [0]
+    header = 0
     for about, first, end, own in zip(captures or [{}], starts, [*starts[1:], count], absolute, strict=True):
+        header += whole("core:header_bytes", about.get("core:header_bytes", 0))
         if end == first:
             continue
         stamp, frequency = about.get("core:datetime"), about.get("core:frequency", 0.0)
@@ -112,7 +121,11 @@ def captures_of(
             raise ValueError(f"core:datetime: {error}") from error
         digits = sum(map(str.isdigit, str(stamp).partition(".")[2].partition("+")[0].partition("-")[0]))
         index = whole("core:global_index", about.get("core:global_index", own))
-        found.append(Capture(first, end - first, index, finite("core:frequency", frequency), when, 10.0**-digits))
+        tuned = finite("core:frequency", frequency)
+        if tuned < 0:
+            raise ValueError(f"core:frequency: {tuned:g} is not allowed; >= 0 Hz")
+        place = place_of(about.get("core:geolocation"))
+        found.append(Capture(first, end - first, index, tuned, when, 10.0**-digits, header, place))
     if not found:
         raise ValueError("core:sample_start is not allowed; a capture that has samples")
     return found
@@ -136,8 +149,45 @@ def finite(key: str, value: Any) -> float:
     return number
 
 
-def parts_of(captures: Sequence[Capture], rate: float) -> tuple[list[Part], tuple[int, float] | None]:
-    """Return the parts without a gap, and UTC of the first sample of all (None where no capture has a date).
+def place_of(value: Any) -> tuple[float, float, float] | None:
+    """Return latitude, longitude [deg] and height [m] of a ``core:geolocation``, a GeoJSON point; None of None.
+
+    Raises
+    ------
+    ValueError
+        For what is no such point.
+    """
+    if value is None:
+        return None
+    wrong = ValueError(
+        f"core:geolocation: {json.dumps(value)[:80]} is not allowed; a GeoJSON Point, its coordinates longitude and "
+        "latitude [deg] and, as needed, height above the ellipsoid [m]"
+    )
+    if not isinstance(value, Mapping) or value.get("type") != "Point":
+        raise wrong
+    numbers = value.get("coordinates")
+    if not isinstance(numbers, list) or len(numbers) not in (2, 3):
+        raise wrong
+    if not all(isinstance(one, int | float) and not isinstance(one, bool) for one in numbers):
+        raise wrong
+    longitude, latitude, height = *map(_bounded, numbers), *([0.0] if len(numbers) == 2 else [])
+    if not (abs(longitude) <= 360 and abs(latitude) <= 90 and abs(height) <= _HIGHEST):
+        raise wrong
+    return latitude, longitude, height
+
+
+def _bounded(value: float) -> float:
+    """Return a number as a float; NaN where none is as large."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.nan
+
+
+def parts_of(captures: Sequence[Capture], rate: float) -> tuple[list[Part], tuple[int, float] | None, list[float]]:
+    """Return the parts without a gap, UTC of the first sample of all (None where no capture has a date), and begins.
+
+    The last are the times at which the captures begin, since the first sample of all [s].
 
     A capture's own date says when it begins; without one, the samples since the capture before do. What follows
     without a gap, to half a sample or to the last digit of a date with a fraction, is counted in samples, which is
@@ -151,6 +201,7 @@ def parts_of(captures: Sequence[Capture], rate: float) -> tuple[list[Part], tupl
     """
     dated = next((one for one in captures if one.stamp is not None), None)
     parts: list[Part] = []
+    begins: list[float] = []
     begin = 0.0
     for i, one in enumerate(captures):
         if i:
@@ -164,16 +215,19 @@ def parts_of(captures: Sequence[Capture], rate: float) -> tuple[list[Part], tupl
                     f"the capture at sample {one.first} begins {-over:.6g} s before the one before has ended; its "
                     "core:datetime or core:global_index is not allowed"
                 )
-            if over <= 0.5 / rate and parts[-1].frequency == one.frequency:
-                parts[-1] = Part(parts[-1].first, parts[-1].count + one.count, one.frequency, parts[-1].begin)
-                begin = parts[-1].begin + (one.first - parts[-1].first) / rate
+            last = parts[-1]
+            if over <= 0.5 / rate and (last.frequency, last.header) == (one.frequency, one.header):
+                parts[-1] = replace(last, count=last.count + one.count)
+                begin = last.begin + (one.first - last.first) / rate
+                begins.append(begin)
                 continue
-        parts.append(Part(one.first, one.count, one.frequency, begin))
+        begins.append(begin)
+        parts.append(Part(one.first, one.count, one.frequency, begin, one.header))
     if dated is None or dated.stamp is None:
-        return parts, None
+        return parts, None, begins
     lead = (dated.index - captures[0].index) / rate
     seconds = math.floor(dated.stamp[1] - lead)
-    return parts, (dated.stamp[0] + seconds, dated.stamp[1] - lead - seconds)
+    return parts, (dated.stamp[0] + seconds, dated.stamp[1] - lead - seconds), begins
 
 
 def _since(one: Capture, dated: Capture, captures: Sequence[Capture], rate: float) -> float:

@@ -1,0 +1,1 @@
+"""Recordings of complex or real samples: SigMF, WAV, and files of nothing but samples."""
