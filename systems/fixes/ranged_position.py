@@ -66,9 +66,12 @@ class RangedPosition(MeasurementModel):
     def noise_covariance_at(self, target: Array, platforms: Array) -> Array:
         """Return the covariance of the position for a target at `target`, shape (..., 3, 3)."""
         observer = platforms[..., self.sensor.observer, :]
+        return self.covariance_of(target, observer, self.sensor.predict(target, platforms))
+
+    def covariance_of(self, target: Array, observer: Array, rows: Array) -> Array:
+        """Return the covariance of the position (..., 3, 3) where a target would be measured by these six `rows`."""
         distance = np.linalg.norm(target[..., :3] - observer[..., :3], axis=-1)
-        measured = self.sensor.predict(target, platforms)
-        return self.equation.position_covariance(distance, measured, observer, self.sensor.sigmas)
+        return self.equation.position_covariance(distance, rows, observer, self.sensor.sigmas)
 
     def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
         """No platform is needed: the position is already inertial."""

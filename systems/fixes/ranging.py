@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quietfix.systems.angles.relative_kinematics import sight_axes
+from quietfix.systems.angles.relative_kinematics import SightAxes, sight_axes
 from quietfix.systems.trajectories.gravity import GravityConstants, acceleration, energy, gradient
 
 __all__ = ["RangingEquation"]
@@ -169,7 +169,9 @@ class RangingEquation:
 
     # ---- how good a root is
 
-    def range_partials(self, distance: Array, measurement: Array, observer: Array) -> Array:
+    def range_partials(
+        self, distance: Array, measurement: Array, observer: Array, axes: SightAxes | None = None
+    ) -> Array:
         r"""Return the derivatives of the range with respect to the six rows.
 
         .. math:: \frac{\partial r}{\partial m} = -\frac{\partial f/\partial m}{\partial f/\partial r}
@@ -179,6 +181,8 @@ class RangingEquation:
         distance : ndarray, shape (...)
             A root [m].
         measurement, observer : ndarray, shape (..., 6)
+        axes : SightAxes, optional
+            Of the measurement, where somebody has them already.
 
         Returns
         -------
@@ -187,7 +191,7 @@ class RangingEquation:
         """
         m = np.asarray(measurement, dtype=float)
         place = np.asarray(observer, dtype=float)[..., :3]
-        axes = sight_axes(m[..., 0], m[..., 1])
+        axes = axes or sight_axes(m[..., 0], m[..., 1])
         target = place + distance[..., None] * axes.radial
         pull = np.einsum("...ij,...j->...i", gradient(target, self.constants, self.j2), axes.radial)
         relative = acceleration(target, self.constants, self.j2) - acceleration(place, self.constants, self.j2)
@@ -223,16 +227,14 @@ class RangingEquation:
         """
         m = np.asarray(measurement, dtype=float)
         axes = sight_axes(m[..., 0], m[..., 1])
-        partials = self.range_partials(distance, measurement, observer)
+        partials = self.range_partials(distance, measurement, observer, axes)
         r, ce, se = distance[..., None], axes.cosine[..., None], axes.sine[..., None]
         turn, lift, speed = m[..., 2, None], m[..., 3, None], m[..., 4, None]
         e_r, e_b, e_e = axes.radial, axes.azimuthal, axes.elevational
         across = ce * turn * e_b + lift * e_e
         jacobian = np.zeros((*partials.shape[:-1], 6, 6))
-        jacobian[..., :3, :] = e_r[..., :, None] * partials[..., None, :]
+        jacobian[..., :3, :] = _position_rows(distance, partials, axes)
         jacobian[..., 3:, :] = across[..., :, None] * partials[..., None, :]
-        jacobian[..., :3, 0] += r * ce * e_b
-        jacobian[..., :3, 1] += r * e_e
         jacobian[..., 3:, 0] += speed * ce * e_b - r * ce * turn * (ce * e_r - se * e_e) - r * lift * se * e_b
         jacobian[..., 3:, 1] += speed * e_e - r * se * turn * e_b - r * lift * e_r
         jacobian[..., 3:, 2] += r * ce * e_b
@@ -247,7 +249,9 @@ class RangingEquation:
 
     def position_covariance(self, distance: Array, measurement: Array, observer: Array, sigmas: Array) -> Array:
         """Return the covariance of the position, eq. (46) to (49) with the correlation that they leave out."""
-        root = self.state_jacobian(distance, measurement, observer)[..., :3, :] * sigmas
+        m = np.asarray(measurement, dtype=float)
+        axes = sight_axes(m[..., 0], m[..., 1])
+        root = _position_rows(distance, self.range_partials(distance, m, observer, axes), axes) * sigmas
         return root @ np.swapaxes(root, -1, -2)
 
     # ---- which roots can be a satellite
@@ -275,6 +279,15 @@ class RangingEquation:
             return found, states
         good = self.possible(states, minimum_height)
         return np.where(good, found, np.nan), np.where(good[..., None], states, np.nan)
+
+
+def _position_rows(distance: Array, partials: Array, axes: SightAxes) -> Array:
+    """Return the derivative of a target's position with respect to the six rows, shape (..., 3, 6)."""
+    r = distance[..., None]
+    rows = axes.radial[..., :, None] * partials[..., None, :]
+    rows[..., 0] += r * axes.cosine[..., None] * axes.azimuthal
+    rows[..., 1] += r * axes.elevational
+    return rows
 
 
 def _halve(function: Function, low: Array, high: Array, rising: ArrayLike, halvings: int = 52) -> Array:

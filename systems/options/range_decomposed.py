@@ -40,6 +40,7 @@ Mask = NDArray[np.bool_]
 
 _PREVIEW = 12  # numbers per epoch on the preview port: six rows and the observer's state
 _SLOT = _PREVIEW + 1  # in the window, with the time
+_WINDOW = ("window", "window_mean", "window_covariance")  # remembered of the first epochs, until the plane is known
 
 
 class _Belief(NamedTuple):
@@ -189,22 +190,26 @@ class RangeDecomposed(Estimator):
         """See `Estimator.update`."""
         measurement, platforms = observation.value, observation.platforms
         trials = measurement.shape[0]
-        memory = {group: value.copy() for group, value in memory.items()}
         observer = np.broadcast_to(platforms[:, self._observer], (trials, 6))
-        innovation = self.model.residual(measurement, self.model.predict(memory["mean"], platforms))
+        predicted = self.model.predict(memory["mean"], platforms)
+        innovation = self.model.residual(measurement, predicted)
         nis, dof = np.full(trials, np.nan), np.zeros(trials)
         decided: Mask = np.asarray(memory["count"][:, 0] > 0)
+        everyone = bool(decided.all())
+        memory = {group: value if everyone and group in _WINDOW else value.copy() for group, value in memory.items()}
         if decided.any():
-            rows = np.flatnonzero(decided)
-            nis[rows], dof[rows] = self._step(memory, rows, measurement[rows], observer[rows])
-        if not decided.all():
+            which = slice(None) if everyone else np.flatnonzero(decided)
+            nis[which], dof[which] = self._step(memory, which, measurement[which], observer[which], predicted[which])
+        if not everyone:
             rows = self._collect(memory, ~decided, measurement, observer, epoch.time)
             if rows.size:
                 nis[rows], dof[rows] = self._catch_up(memory, rows)
         memory["epochs"] += 1
         return memory, Innovation(innovation, nis, dof)
 
-    def _step(self, memory: Memory, rows: NDArray[np.intp], measurement: Array, observer: Array) -> tuple[Array, Array]:
+    def _step(
+        self, memory: Memory, rows: NDArray[np.intp] | slice, measurement: Array, observer: Array, predicted: Array
+    ) -> tuple[Array, Array]:
         """Use one epoch in some trials; write into `memory`, return NIS and degrees of freedom."""
         belief = _Belief(
             memory["mean"][rows],
@@ -213,32 +218,42 @@ class RangeDecomposed(Estimator):
             memory["count"][rows, 0],
         )
         gated = memory["epochs"][rows, 0] >= self._gate_after
-        after, nis, dof = self._use(belief, measurement, observer, gated)
+        after, nis, dof = self._use(belief, measurement, observer, predicted, gated)
         memory["mean"][rows] = after.mean
         memory["covariance"][rows] = after.covariance.reshape(-1, 36)
         memory["normal"][rows] = after.normal
         memory["count"][rows, 0] = after.members
         return nis, dof
 
-    def _use(self, belief: _Belief, measurement: Array, observer: Array, gated: Mask) -> tuple[_Belief, Array, Array]:
+    def _carriers(self, observer: Array) -> Array:
+        """Return platforms (trials, p, 6) of which only the observer (trials, 6) is somewhere."""
+        platforms = np.zeros((observer.shape[0], self.wiring.platforms, 6))
+        platforms[:, self._observer] = observer
+        return platforms
+
+    def _use(
+        self, belief: _Belief, measurement: Array, observer: Array, predicted: Array, gated: Mask
+    ) -> tuple[_Belief, Array, Array]:
         mean, covariance, normal, count_ = belief
         trials = np.arange(mean.shape[0])
         ranges, states = self.equation.candidates(measurement, observer, self._minimum_height)
         off = plane_distance(states[..., :3], normal)
         chosen = np.argmin(np.where(np.isnan(off), np.inf, off), axis=-1)
         position = states[trials, chosen, :3]
-        platforms = np.zeros((mean.shape[0], self.wiring.platforms, 6))
-        platforms[:, self._observer] = observer
+        platforms = self._carriers(observer)
         if self._covariance_at == "prediction":
-            noise = self.position.noise_covariance_at(mean, platforms)
+            noise = self.position.covariance_of(mean, observer, predicted)
         else:
             noise = self.equation.position_covariance(ranges[trials, chosen], measurement, observer, self.model.sigmas)
         usable: Mask = np.all(np.isfinite(position), axis=-1) & np.all(np.isfinite(noise), axis=(-1, -2))
         usable &= np.isfinite(mean).all(axis=-1) & np.isfinite(covariance).all(axis=(-1, -2))
-        stands = np.where(usable[:, None, None], noise, np.eye(3))
-        here = np.where(usable[:, None], mean, 1.0)
-        spread = np.where(usable[:, None, None], covariance, np.eye(6))
-        measured = Observation(np.where(usable[:, None], position, np.nan), platforms, Whitener(stands))
+        here, spread = mean, covariance
+        if not usable.all():
+            noise = np.where(usable[:, None, None], noise, np.eye(3))
+            here = np.where(usable[:, None], mean, 1.0)
+            spread = np.where(usable[:, None, None], covariance, np.eye(6))
+            position = np.where(usable[:, None], position, np.nan)
+        measured = Observation(position, platforms, Whitener(noise))
         result = self._algorithm.update(here, spread, measured, self.position)
         used = usable
         if self._gate is not None:
@@ -288,7 +303,9 @@ class RangeDecomposed(Estimator):
             if j > 0:
                 self._advance(memory, rows, times[:, j] - times[:, j - 1])
             memory["epochs"][rows] = last - (self.plane_epochs - 1 - j)
-            nis, dof = self._step(memory, rows, window[:, j, :6], window[:, j, 6:12])
+            observer = window[:, j, 6:12]
+            predicted = self.model.predict(memory["mean"][rows], self._carriers(observer))
+            nis, dof = self._step(memory, rows, window[:, j, :6], observer, predicted)
         memory["epochs"][rows] = last
         return nis, dof
 
