@@ -18,10 +18,18 @@ from quietfix.diagrams.assembly.system import System
 from quietfix.diagrams.own.classes import plants
 from quietfix.diagrams.own.declaring.apart import check_apart
 from quietfix.diagrams.own.declaring.asking import ask_own
+from quietfix.diagrams.own.declaring.atmosphere import unaffected
 from quietfix.diagrams.own.declaring.beginning import Begin, Surroundings, begin
 from quietfix.diagrams.own.declaring.impairing import Together, impaired
 from quietfix.diagrams.own.declaring.resolving import open_cycles, phase_resolvers
-from quietfix.diagrams.own.declaring.sensing import NAME, PlacedSensor, differentiated, placed_sensors, used_rows
+from quietfix.diagrams.own.declaring.sensing import (
+    NAME,
+    Measured,
+    PlacedSensor,
+    differentiated,
+    placed_sensors,
+    used_rows,
+)
 from quietfix.diagrams.own.declaring.target import Target, target_motion, true_motion, with_bias
 from quietfix.diagrams.own.fed.handed import Handed, handed
 from quietfix.diagrams.own.fed.measured import measured, recorded_of, setting_of, table_of_scenario, true_paths
@@ -131,7 +139,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
         return Assumed(used_rows(sensors, options, name), motion, start(name, options, seen), seen, takes)
 
     own = _own_parts(scenario)
-    notes = [differentiated(sensors, flight), doubt, _open(around, start), _doubtful(scenario, setting)]
+    notes = [differentiated(sensors, flight), doubt, _open(around, start), _doubtful(scenario, setting, kinds)]
     return Model(
         clock=clock,
         duration=fed.end if isinstance(fed, Played) else scenario.duration_s,
@@ -228,13 +236,14 @@ def _mover(target: Mover | RandomMotion) -> Mover:
     return target.start if isinstance(target, RandomMotion) else target
 
 
-def _doubtful(scenario: OwnScenario, setting: Setting) -> str:
-    """Return which two-line elements are old, and which tables of platforms may be cut."""
+def _doubtful(scenario: OwnScenario, setting: Setting, kinds: Sequence[Measured]) -> str:
+    """Return which two-line elements are old, which tables of platforms may be cut, and what no atmosphere delays."""
     movers = {f"platforms.{name}": one for name, one in scenario.platforms.items()}
     if scenario.target is not None and not isinstance(scenario.target, plants.Custom):
         movers["target"] = _mover(scenario.target)
     notes = [old_elements(one, setting, where) for where, one in movers.items() if isinstance(one, Tle)]
     notes += [doubtful_table(one, setting, where) for where, one in movers.items() if isinstance(one, Platform)]
+    notes.append(unaffected(scenario, {kind.name: (kind.field, kind.real) for kind in kinds}))
     return " ".join(dict.fromkeys(note for note in notes if note))
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.atmosphere.delayed import Delayed
 from quietfix.systems.fixes.known_height import Method, known_height_covariance, position_per_velocity, wave_front_fix
 from quietfix.systems.fixes.unknown_velocity import with_unknown_velocity
 from quietfix.systems.measurement.base import positive
@@ -42,6 +43,8 @@ class KnownHeightStart(Start):
         Standard deviation of a satellite's position per axis [m].
     method : {'auto', 'closed_form', 'newton'}
         See `known_height_fix`.
+    air : Delayed, optional
+        The same TDOA model with what the atmosphere adds: it is taken off for the place of a first fix.
     """
 
     uses_measurement = True
@@ -54,6 +57,7 @@ class KnownHeightStart(Start):
         sigma_velocity: float,
         sigma_satellite: float = 0.0,
         method: Method = "auto",
+        air: Delayed | None = None,
     ) -> None:
         if tdoa.size != 2:
             raise ValueError(f"a known-height fix needs two TDOAs, there are {tdoa.size}")
@@ -69,6 +73,7 @@ class KnownHeightStart(Start):
             raise ValueError(f"sigma_satellite: {sigma_satellite} is not allowed; it must be a finite number >= 0 m")
         self.sigma_satellite = float(sigma_satellite)
         self._method: Method = method
+        self._air = air
 
     @property
     def inputs(self) -> Mapping[str, int]:
@@ -78,7 +83,12 @@ class KnownHeightStart(Start):
     def begin(self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
         """See `Start.begin`."""
         height = inputs["assumed_height"][:, 0]
-        position = wave_front_fix(self.tdoa, measurement[:, self._rows], platforms, height, self._method)
+        delays = measurement[:, self._rows]
+        position = wave_front_fix(self.tdoa, delays, platforms, height, self._method)
+        if self._air is not None:
+            still = np.concatenate([position, np.zeros_like(position)], axis=-1)
+            delays = delays - self._air.excess(still, platforms)
+            position = wave_front_fix(self.tdoa, delays, platforms, height, self._method)
         mean = np.concatenate([position, np.where(np.isfinite(position), 0.0, np.nan)], axis=-1)
         return mean, self.covariance_at(mean, platforms)
 

@@ -15,6 +15,9 @@ from quietfix.systems.angles.direction import Direction, DirectionCosines
 from quietfix.systems.angles.horizon import HorizonBearing
 from quietfix.systems.angles.phase import InterferometerPhase
 from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics
+from quietfix.systems.atmosphere.delayed import Delayed
+from quietfix.systems.atmosphere.ionosphere import ThinShell
+from quietfix.systems.atmosphere.troposphere import Troposphere
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.earth.frames import inertial_to_earth_fixed
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_state
@@ -204,6 +207,7 @@ class Distance(Range):
         return np.sqrt(x**2 + y**2 + z**2)[..., None]
 
 
+MEDIA = [Troposphere(), ThinShell(40.0, 350e3, 1e9)]
 _STATIONS = {"receivers": (1, 2, 3, 4), "reference": 0}
 
 MEASUREMENTS = {
@@ -269,6 +273,13 @@ MEASUREMENTS = {
     "position": (Position(5e3), "satellites"),
     "custom": (CustomMeasurement(Range(5.0, [0, 1]), [3, 1]), "stations"),
     "custom, by differences": (CustomMeasurement(Distance(), [2], has_jacobian=False), "stations"),
+    "delayed tdoa": (Delayed(tdoa(light_time=True), MEDIA, (1, 2), 0, 1 / SPEED_OF_LIGHT), "satellites"),
+    "delayed fdoa": (Delayed(fdoa(), MEDIA, (1, 2), 0, -1 / WAVELENGTH, doppler=True), "satellites"),
+    "delayed ranges": (Delayed(Range(5.0, [0, 2, 3]), MEDIA, [0, 2, 3]), "stations"),
+    "delayed frequency": (
+        Delayed(Frequency(2.0, 4e8, [1, 3]), MEDIA, [1, 3], None, -4e8 / SPEED_OF_LIGHT, doppler=True),
+        "stations",
+    ),
     "custom, by differences, in orbit": (CustomMeasurement(Distance(), [1], has_jacobian=False), "satellites"),
 }
 """Every measurement model, in every option that changes its mathematics: model and geometry."""

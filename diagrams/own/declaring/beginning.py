@@ -22,6 +22,7 @@ from quietfix.diagrams.parts.sensing import TargetSensor
 from quietfix.diagrams.paths.functions import Path, path_of
 from quietfix.diagrams.paths.records import Setting
 from quietfix.diagrams.schema.errors import UserError, choose
+from quietfix.systems.atmosphere.delayed import Delayed, in_vacuum
 from quietfix.systems.clocks import Clock
 from quietfix.systems.estimators.options import EstimatorOptions
 from quietfix.systems.fixes.known_height import Method, has_closed_form
@@ -165,7 +166,8 @@ def _known_height(field: KnownHeight, around: Surroundings) -> tuple[Begin, list
     if not field.sensor and len(able) > 1:
         raise UserError(f"start.sensor: none is given; one of {', '.join(able)}")
     name = choose("start.sensor", field.sensor or next(iter(able)), able)
-    tdoa = able[name].believed
+    believed = able[name].believed
+    tdoa, air = in_vacuum(believed), believed if isinstance(believed, Delayed) else None
     assert isinstance(tdoa, Tdoa)
     if not tdoa.light_time:  # with light time the start itself allows for the velocity
         around.first("start.sensor", [name])
@@ -182,7 +184,7 @@ def _known_height(field: KnownHeight, around: Surroundings) -> tuple[Begin, list
 
     def make(name: str, options: EstimatorOptions, rows: Sequence[str]) -> Start:
         sigma, method = field.believed_sigma_height_m or field.sigma_height_m, cast(Method, field.method)
-        return KnownHeightStart(tdoa, rows, sigma, field.sigma_velocity_mps, field.sigma_platform_m, method)
+        return KnownHeightStart(tdoa, rows, sigma, field.sigma_velocity_mps, field.sigma_platform_m, method, air)
 
     height = Altitude(field.sigma_height_m, "assumed_height")
     return make, [TargetSensor("assumed_height", height, around.clock)]

@@ -15,6 +15,7 @@ from quietfix.diagrams.own.kinds.phase import Phase
 from quietfix.diagrams.parts.resolving import PhaseResolution
 from quietfix.diagrams.schema.errors import UserError, choose
 from quietfix.systems.angles.phase import InterferometerPhase
+from quietfix.systems.atmosphere.delayed import in_vacuum
 from quietfix.systems.measurement.tdoa import Tdoa
 
 __all__ = ["Resolvers", "open_cycles", "phase_resolvers", "two_differences"]
@@ -54,7 +55,7 @@ class Resolvers:
 
 def two_differences(kinds: Sequence[Measured]) -> dict[str, Measured]:
     """Return the kinds of measurement that, with a height, make a fix: TDOAs of two rows."""
-    return {kind.name: kind for kind in kinds if isinstance(kind.believed, Tdoa) and kind.believed.size == 2}
+    return {kind.name: kind for kind in kinds if isinstance(in_vacuum(kind.believed), Tdoa) and kind.believed.size == 2}
 
 
 def open_cycles(kinds: Sequence[Measured], spread: Array | None, target: Array, platforms: Array) -> str:
@@ -146,5 +147,6 @@ def _delays(scenario: OwnScenario, kind: Measured, kinds: Sequence[Measured]) ->
         raise UserError(
             f"{where}: {field.resolved_by} is not allowed; at {late[0]:g} s the phase is measured, and it is not"
         )
-    assert isinstance(delays.believed, Tdoa)
+    if not isinstance(delays.believed, Tdoa):
+        raise UserError(f"{where}: {field.resolved_by} is not allowed in an atmosphere; chain_m")
     return delays.believed

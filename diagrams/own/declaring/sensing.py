@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, cast
 
+from quietfix.diagrams.own.declaring.atmosphere import Air, air_of
 from quietfix.diagrams.own.fields.schema import OwnScenario
 from quietfix.diagrams.own.fields.sensors import Joint, Kind, Sensor
 from quietfix.diagrams.own.kinds.kind import Row
@@ -214,9 +215,9 @@ def differentiated(sensors: Sequence[PlacedSensor], motion: MotionModel) -> str:
 
 def _measured(name: str, field: Sensor, scenario: OwnScenario, places: Places) -> list[Measured]:
     """Return the kinds of measurement that a sensor makes."""
-    where, beliefs = f"sensors.{name}", scenario.belief.sensors
+    where, beliefs, air = f"sensors.{name}", scenario.belief.sensors, air_of(scenario)
     if not isinstance(field, Joint):
-        return [_kind(name, where, field, field, beliefs, places)]
+        return [_kind(name, where, field, field, beliefs, places, air)]
     if not field.kinds:
         raise UserError(f"{where}.kinds: none is given; at least one is needed, such as tdoa: !Tdoa {{}}")
     whole = beliefs.get(name)
@@ -233,7 +234,7 @@ def _measured(name: str, field: Sensor, scenario: OwnScenario, places: Places) -
             if kind in beliefs:
                 raise UserError(f"belief.sensors.{kind}: it is not allowed beside belief.sensors.{name}, which has it")
             assumed, path = whole.kinds, f"belief.sensors.{name}.kinds"
-        found.append(_kind(kind, f"{where}.kinds.{kind}", part, field, assumed, places, path))
+        found.append(_kind(kind, f"{where}.kinds.{kind}", part, field, assumed, places, air, path))
     return found
 
 
@@ -244,11 +245,12 @@ def _kind(
     timed: Timed,
     beliefs: Mapping[str, Any],
     places: Places,
+    air: tuple[Air, Air],
     path: str = "belief.sensors",
 ) -> Measured:
     """Return one kind of measurement, as it is and as it is believed to be."""
     real, rows = _model(field, places, where)
-    believed = real
+    believed, belief = real, field
     chain = field.chain(places, where) if isinstance(field, Phase) else []
     if name in beliefs:
         assumed, path = beliefs[name], f"{path}.{name}"
@@ -258,9 +260,11 @@ def _kind(
             _check_timed_alike(assumed, timed, path)
         if isinstance(assumed, Phase) and isinstance(field, Phase):
             _check_resolved_alike(assumed, field, path, where)
-        believed, _ = _model(assumed, places, path)
+        (believed, _), belief = _model(assumed, places, path), assumed
     if list(believed.names) != list(real.names):
         raise UserError(f"{path}: rows {list(believed.names)} are not allowed; the sensor has {list(real.names)}")
+    real = air[0].added_to(real, field, rows, places, where)
+    believed = air[1].added_to(believed, belief, rows, places, where)
     rows = [*rows, *(row for _, own in chain for row in own)]
     return Measured(name, where, field, timed, real, believed, rows, [link for link, _ in chain])
 

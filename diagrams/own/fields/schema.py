@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from quietfix.diagrams.own.classes import extra, motions, plants
+from quietfix.diagrams.own.fields.atmosphere import Atmosphere
 from quietfix.diagrams.own.fields.measurements import Measurements
 from quietfix.diagrams.own.fields.sensors import Sensor
 from quietfix.diagrams.own.fields.starts import KnownHeight, Snapshot
@@ -78,6 +79,7 @@ class Belief:
     walk_hz2ps: float | None = number(
         "variance that the oscillator gains per second [Hz^2/s]; null: as it does", None, at_least=0
     )
+    atmosphere: Atmosphere | None = documented("what is in the way of signals; null: what is, {}: nothing", None)
 
 
 @dataclass
@@ -133,6 +135,7 @@ class OwnScenario:
     oscillator: Oscillator | None = documented(
         "of the emitter, for !Frequency and !RangeRate; null: it has no error", None
     )
+    atmosphere: Atmosphere = documented("what is in the way of signals", factory=Atmosphere)
     parts: list[extra.Custom] = documented("parts of one's own, in that order", factory=list)
     belief: Belief = documented("what the estimators believe", factory=Belief)
     start: Prior | Given | Snapshot | KnownHeight = documented("how the estimators begin", factory=Prior)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from quietfix.diagrams.own.kinds.by_platform import Differences
+from quietfix.diagrams.own.kinds.kind import ExcessPath
 from quietfix.diagrams.paths.places import Places
+from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.documented import documented, number
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.measurement.fdoa import Fdoa as FdoaModel
@@ -34,3 +36,8 @@ class Fdoa(Differences):
             paper_sign=self.paper_sign,
             **self.common(places, where),
         )
+
+    def excess_path(self) -> ExcessPath:
+        """See `MeasurementKind.excess_path`."""
+        carrier = self.carrier_mhz * 1e6
+        return ExcessPath((carrier if self.paper_sign else -carrier) / SPEED_OF_LIGHT, True, carrier)

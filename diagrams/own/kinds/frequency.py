@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from quietfix.diagrams.own.kinds.by_platform import AtStations
-from quietfix.diagrams.own.kinds.kind import Alias, Row
+from quietfix.diagrams.own.kinds.kind import Alias, ExcessPath, Row
 from quietfix.diagrams.paths.places import Places
+from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.documented import number
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.measurement.frequency import Frequency as FrequencyModel
@@ -40,3 +41,8 @@ class Frequency(AtStations):
             )
             for row in super().rows(places, model)
         ]
+
+    def excess_path(self) -> ExcessPath:
+        """See `MeasurementKind.excess_path`."""
+        carrier = self.carrier_mhz * 1e6
+        return ExcessPath(-carrier / SPEED_OF_LIGHT, True, carrier)

@@ -12,7 +12,7 @@ from quietfix.diagrams.paths.places import Places
 from quietfix.diagrams.quantities.frame import Frame
 from quietfix.systems.measurement.base import MeasurementModel
 
-__all__ = ["Alias", "MeasurementKind", "Row"]
+__all__ = ["Alias", "ExcessPath", "MeasurementKind", "Row"]
 
 
 @dataclass(frozen=True)
@@ -80,6 +80,25 @@ class Row:
         return any(alias.compass for alias in self.aliases)
 
 
+@dataclass(frozen=True)
+class ExcessPath:
+    """How a row changes where a signal's path is longer than in vacuum.
+
+    Attributes
+    ----------
+    scale : float
+        What is added to a row, per metre of the path to its receiver, less that to its reference if it has one.
+    doppler : bool
+        Whether it is per m/s of the path of the carrier's phase instead.
+    carrier : float, optional
+        Frequency of the signal [Hz]; None: it does not say.
+    """
+
+    scale: float
+    doppler: bool = False
+    carrier: float | None = None
+
+
 @dataclass
 class MeasurementKind(ABC):
     """A kind of measurement as a user writes it; the class name is the YAML tag, the fields are its options.
@@ -109,6 +128,10 @@ class MeasurementKind(ABC):
     def mounts(self, model: MeasurementModel, rows: Sequence[str], frame: Frame) -> list[Mount]:
         """Return which rows are directions, in whose axes; by default none."""
         return []
+
+    def excess_path(self) -> ExcessPath | None:
+        """Return what an atmosphere adds to its rows; by default None, as in vacuum."""
+        return None
 
     def placed(self, places: Places, where: str) -> tuple[MeasurementModel, list[Row]]:
         """Return the model, its rows named, and what they are."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from quietfix.diagrams.own.kinds.by_platform import AtStations
+from quietfix.diagrams.own.kinds.kind import ExcessPath
 from quietfix.diagrams.paths.places import Places
 from quietfix.systems.documented import number
 from quietfix.systems.measurement.base import MeasurementModel
@@ -24,3 +25,7 @@ class Range(AtStations):
     def model(self, places: Places, where: str) -> MeasurementModel:
         """Return the measurement model; rows ``range_PLATFORM`` [m]."""
         return RangeModel(self.sigma_m, self.numbers(places, where))
+
+    def excess_path(self) -> ExcessPath:
+        """See `MeasurementKind.excess_path`."""
+        return ExcessPath(1.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from quietfix.diagrams.own.kinds.by_platform import AtStations
+from quietfix.diagrams.own.kinds.kind import ExcessPath
 from quietfix.diagrams.paths.places import Places
 from quietfix.systems.documented import number
 from quietfix.systems.measurement.base import MeasurementModel
@@ -24,3 +25,7 @@ class RangeRate(AtStations):
     def model(self, places: Places, where: str) -> MeasurementModel:
         """Return the measurement model; rows ``range_rate_PLATFORM`` [m/s]."""
         return RangeRateModel(self.sigma_mps, self.numbers(places, where), places.bias)
+
+    def excess_path(self) -> ExcessPath:
+        """See `MeasurementKind.excess_path`."""
+        return ExcessPath(1.0, doppler=True)

@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass
 
 from quietfix.diagrams.own.kinds.by_platform import wave_of
-from quietfix.diagrams.own.kinds.kind import MeasurementKind, Row
+from quietfix.diagrams.own.kinds.kind import ExcessPath, MeasurementKind, Row
 from quietfix.diagrams.paths.places import Places
 from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.documented import documented, number
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.measurement.tdoa import Tdoa as TdoaModel
@@ -47,3 +48,7 @@ class Toa(MeasurementKind):
         """See `MeasurementKind.rows`."""
         reference, *others = self.stations or list(places.platforms)
         return [Row("toa", station, reference, "s", compares_clocks=True) for station in others]
+
+    def excess_path(self) -> ExcessPath:
+        """See `MeasurementKind.excess_path`."""
+        return ExcessPath(1.0 / SPEED_OF_LIGHT)

@@ -1,0 +1,1 @@
+"""What the air and the ionosphere add to ranges, delays and Doppler shifts. Pure NumPy over leading axes."""
