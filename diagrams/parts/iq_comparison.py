@@ -86,6 +86,16 @@ class PairResult:
         """Where there is a measurement, shape (samples,)."""
         return np.isfinite(self.tdoa)
 
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of the TDOAs [s]; NaN: there is none."""
+        return float(np.std(self.tdoa[self.good])) if self.good.any() else np.nan
+
+    @property
+    def typical_sigma(self) -> float:
+        """Median of `sigma_tdoa` [s]; NaN: there is none."""
+        return float(np.median(self.sigma_tdoa[self.good])) if self.good.any() else np.nan
+
     def reasons(self) -> str:
         """Return what was flagged and how often, in words; empty if nothing was."""
         found = [(flag, int(np.count_nonzero(self.flag & flag))) for flag in Flag if flag]

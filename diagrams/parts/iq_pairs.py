@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -129,6 +129,25 @@ class IqPairs:
             }
             sensor = CrossAmbiguitySensor(self.function, self.window, clock, 1, name=f"caf {names[j]} - {names[i]}")
             bus.add(sensor, gives={f"{port}_{j}{i}": port for port in PAIR_SIGNALS}, takes=heard)
+
+    def clearest(self, poor: float) -> int:
+        """Return the receiver with which the others are best compared.
+
+        That is the first one, unless the variances of its pairs (the median over the others, in the middle of the
+        recordings) are more than `poor` times as large as those of the best.
+        """
+        names = list(self.recordings)
+        ticks = self.plan.clock.ticks(self.plan.end)
+        clock = Times(ticks[ticks.size // 2 : ticks.size // 2 + 1])
+        heard = [RecordedIq(self.recordings[name], clock, self._samples, self._margin) for name in names]
+        variance = np.full((len(names), len(names)), np.nan)
+        for i, j in self.pairs:
+            main, auxiliary = (heard[k].block_at(float(clock.ticks(np.inf)[0])) for k in (i, j))
+            found = replace(self.function, samples=self._samples)(main, auxiliary, self.window)
+            variance[i, j] = variance[j, i] = found.variance[0, 0] if found.good[0] else np.inf
+        typical = np.nanmedian(variance, axis=1)
+        best = int(np.argmin(typical))
+        return best if typical[0] > poor * typical[best] else 0
 
     def _played(self, bus: Bus, name: str, margin: int) -> str:
         """Return the signal of a recording with so many samples more on either side; it is played once."""

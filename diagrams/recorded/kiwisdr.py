@@ -1,7 +1,8 @@
-"""A long-wave transmitter located by three receivers of hobbyists: I/Q samples of DCF77 from KiwiSDRs with GPS stamps.
+"""A transmitter located by three or more receivers of hobbyists: I/Q samples from KiwiSDRs with GPS stamps.
 
 The cross-ambiguity block compares the receivers pair by pair, once a second; an estimator makes a fix on the ground of
-the time differences against the first receiver. Where the mast stands is used for scoring and nowhere else.
+the time differences against the first receiver, the way of the wave following the ground. Where the transmitter stands,
+if anybody knows, is used for scoring and nowhere else.
 """
 
 from __future__ import annotations
@@ -20,14 +21,15 @@ from quietfix.diagrams.assembly.system import System
 from quietfix.diagrams.parts.iq_pairs import IqPairs
 from quietfix.diagrams.quantities.states import POSITION
 from quietfix.diagrams.readers.data import data_folder
-from quietfix.diagrams.readers.kiwisdr_data import SOURCE, KiwiData, read_folder
-from quietfix.diagrams.recorded.reports.kiwisdr_report import report
+from quietfix.diagrams.readers.kiwisdr.folder import SOURCE, KiwiData, read_folder
+from quietfix.diagrams.recorded.reports.kiwisdr_report import AS_WELL, report
 from quietfix.diagrams.recorded.settings.kiwisdr_settings import Settings
 from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.fixes.snapshot import starts_on_ground
 from quietfix.systems.iq.kiwi import common_base
 from quietfix.systems.measurement.altitude import Altitude
 from quietfix.systems.measurement.stack import Stack
-from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.measurement.tdoa import GroundTdoa
 from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
 from quietfix.systems.sensors.joined import JoinedMeasurements, JoinedPart
 from quietfix.systems.signals import Constant
@@ -36,6 +38,8 @@ from quietfix.systems.starts.snapshot_start import SnapshotStart
 __all__ = ["SOURCE", "SYSTEM", "KiwiData", "Settings", "declare", "declare_data", "read_folder"]
 
 _AT_REST = 1e-3  # m/s; how fast a mast may be
+_ALL_PAIRS = 6  # receivers up to which all pairs are compared, not only those with the first one
+_POOR = 10.0  # times the variance of the best receiver's pairs, beyond which the first one is no reference
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +75,25 @@ class _Joined:
 
 def declare(settings: Settings) -> Model:
     """Return recorded samples, their comparison and what the estimators are given; see `quietfix.diagrams.assembly`."""
-    return declare_data(read_folder(data_folder(SOURCE, settings.data)), settings)
+    folder = data_folder(SOURCE, settings.data)
+    return declare_data(read_folder(folder, settings.platforms, settings.carrier_hz), settings)
+
+
+def _compared(data: KiwiData, settings: Settings) -> tuple[KiwiData, IqPairs]:
+    """Return the pairs, and the data with the receiver first that the others are compared with."""
+    rate, length = settings.rate([one.sample_rate for one in data.recordings]), settings.integration_s
+    blocks, _ = common_base(data.parts, rate, data.frequency)
+    count, window, function = len(data.names), settings.window(data.stations), settings.function(rate)
+
+    def pairs_of(order: Sequence[int], pairs: Sequence[tuple[int, int]]) -> IqPairs:
+        streams = {data.names[i]: blocks[i] for i in order}
+        return IqPairs(streams, pairs, function, window, length, length)
+
+    everything = list(combinations(range(count), 2))
+    best = pairs_of(range(count), everything).clearest(_POOR)
+    order = [best, *(i for i in range(count) if i != best)]
+    pairs = everything if count <= _ALL_PAIRS else [(0, j) for j in range(1, count)]
+    return data.reordered(order), pairs_of(order, pairs)
 
 
 def declare_data(data: KiwiData, settings: Settings) -> Model:
@@ -82,24 +104,21 @@ def declare_data(data: KiwiData, settings: Settings) -> Model:
     UserError
         If the recordings have nothing in common.
     """
-    pairs = list(combinations(range(len(data.names)), 2))
     try:
-        blocks, _ = common_base(data.recordings, settings.sample_rate_hz, settings.carrier_hz)
-        streams = {name: [block] for name, block in zip(data.names, blocks, strict=True)}
-        length = settings.integration_s
-        compared = IqPairs(streams, pairs, settings.function, settings.window, length, length)
+        data, compared = _compared(data, settings)
     except ValueError as error:
         raise UserError(f"kiwisdr: {error}") from error
-    used = [pair for pair in pairs if pair[0] == 0]
+    used = [pair for pair in compared.pairs if pair[0] == 0]
+    known = bool(data.transmitter)
     epochs = compared.plan.clock.ticks(compared.plan.end).size
     # what is known of the altitude is spread over all epochs: in the whole it is known once
     altitude = Altitude(settings.sigma_altitude_m * math.sqrt(epochs))
-    tdoa = Tdoa(1e-6, [j for _, j in used])
+    tdoa = GroundTdoa(1e-6, [j for _, j in used], path=settings.path)
     model = Stack([tdoa, altitude])
     rows = [name for i, j in used for name in (f"tdoa_{j}{i}", f"fdoa_{j}{i}")] + list(altitude.names)
 
     def assume(bus: Bus, name: str, options: Any) -> Assumed:
-        start = SnapshotStart(model, rows, _AT_REST, 0.0, noise_port=True)
+        start = SnapshotStart(model, rows, _AT_REST, 0.0, noise_port=True, places=starts_on_ground, as_well=AS_WELL)
         takes = dict.fromkeys(("noise_covariance", "start_noise_covariance"), "noise_covariance")
         return Assumed(model, WhiteNoiseAcceleration(1e-12), start, rows, takes)
 
@@ -115,15 +134,16 @@ def declare_data(data: KiwiData, settings: Settings) -> Model:
         signals={name: name for name in (*compared.signals, "noise_covariance")},
         rows=rows,
         recorded=Recorded(
-            report=partial(report, data=data, settings=settings, pairs=pairs, rows=rows, model=alone),
+            report=partial(report, data=data, settings=settings, pairs=compared.pairs, rows=rows, model=alone),
             keeps=["covariance", "measurement", "noise_covariance", *compared.signals],
+            truth=known,
         ),
     )
 
 
 SYSTEM = System(
     name="kiwisdr",
-    title="recording: a long-wave transmitter located by the I/Q samples of three receivers with GPS (KiwiSDR)",
+    title="recording: a transmitter located by the I/Q samples of three or more receivers with GPS (KiwiSDR)",
     scenario=Settings,
     declare=declare,
     recording=SOURCE,

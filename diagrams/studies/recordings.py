@@ -114,7 +114,7 @@ def with_platforms(found: Found, settings: Sequence[str] | None, table: Path) ->
         return [f"platforms={json.dumps(str(table.absolute()))}", *(settings or ())]
     if found.source != "yaml":
         raise UserError(
-            f"--platforms: {table} is not allowed for {found.title}; for a system of one's own in YAML, and for iq"
+            f"--platforms: {table} is not allowed for {found.title}; for a system of one's own in YAML, iq and kiwisdr"
         )
     chosen = []
     for name, rows in read_platforms(table).platforms.items():

@@ -20,7 +20,7 @@ from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.linear_algebra import cholesky, inverses, solve, symmetric
 from quietfix.systems.measurement.base import MeasurementModel
 
-__all__ = ["SnapshotFix", "snapshot_fix", "starts_around", "starts_around_level"]
+__all__ = ["SnapshotFix", "snapshot_fix", "starts_around", "starts_around_level", "starts_on_ground"]
 
 Array = NDArray[np.float64]
 
@@ -81,6 +81,13 @@ def starts_around(platforms: Array, height: Array, directions: int = 6) -> Array
     return np.concatenate([above[..., None, :], lifted], axis=-2)
 
 
+def starts_on_ground(platforms: Array, height: Array) -> Array:
+    """Return the places of `starts_around`, and those on a circle three times as wide: of a target far outside."""
+    middle, _ = _middle(platforms)
+    wide = middle[..., None, :] + 3 * (platforms[..., :3] - middle[..., None, :])
+    return np.concatenate([starts_around(platforms, height), starts_around(wide, height)[..., 1:, :]], axis=-2)
+
+
 def starts_around_level(platforms: Array, height: Array, directions: int = 6) -> Array:
     """Return the same places as `starts_around` in local axes: east, north, up on a flat Earth."""
     middle, reach = _middle(platforms)
@@ -113,6 +120,7 @@ def snapshot_fix(
     noise: Array,
     starts: Array,
     prior: tuple[Array, Array] | None = None,
+    as_well: float = 0.0,
 ) -> SnapshotFix:
     """Return the weighted least-squares fix: of all starts, the lowest minimum.
 
@@ -130,6 +138,9 @@ def snapshot_fix(
         Where to start [m].
     prior : (ndarray (..., 3), ndarray (..., 3, 3)), optional
         Mean and covariance of what is known already; NaN where nothing is.
+    as_well : float
+        How much more a minimum may cost and still count as the lowest: of such the one nearest to the first start is
+        taken. Curves may meet in several places, at costs that differ by rounding alone.
 
     Returns
     -------
@@ -154,6 +165,10 @@ def snapshot_fix(
 
     cost = cost.reshape(fixes, count)
     best = np.argmin(np.where(np.isfinite(cost), cost, np.inf), axis=-1)
+    if as_well:
+        away = np.linalg.norm(position.reshape(fixes, count, 3) - places[:, :1], axis=-1)
+        low = cost <= cost[np.arange(fixes), best, None] + as_well
+        best = np.argmin(np.where(low, away, np.inf), axis=-1)
     chosen = np.arange(fixes) * count + best
     found = np.isfinite(cost[np.arange(fixes), best])
     covariance = np.full((fixes, 3, 3), np.nan)

@@ -1,9 +1,9 @@
 """Recordings of KiwiSDR receivers: I/Q samples with GPS time stamps, on one base of time.
 
-The files look like RIFF ``WAVE`` but hold about 690 pairs of a chunk ``kiwi`` (u8 seconds since the last GPS solution,
-u8 unused, u32 GPS seconds of the week, u32 nanoseconds) and a chunk ``data`` of 512 pairs of 16-bit I and Q. A stamp
-holds for the first sample of the ``data`` that follows. The first one to three are left over from before. Each receiver
-has a sample rate of its own, a little above 12 kHz.
+The files look like RIFF ``WAVE`` but hold many pairs of a chunk ``kiwi`` (u8 seconds since the last GPS solution, 254
+and 255: none, u8 unused, u32 GPS seconds of the week, u32 nanoseconds) and a chunk ``data`` of pairs of 16-bit I and Q.
+A stamp holds for the first sample of the ``data`` that follows. The first one to three are left over from before. Each
+receiver has a sample rate of its own, a little above 12 or 20.25 kHz.
 """
 
 from __future__ import annotations
@@ -19,48 +19,96 @@ from numpy.typing import NDArray
 from quietfix.systems.files import read_bytes
 from quietfix.systems.iq.block import IqBlock
 from quietfix.systems.iq.resample import interpolate
+from quietfix.systems.iq.stamped import WEEK, Clock, Dated, clocks
 
-__all__ = ["GpsRecording", "common_base", "read_kiwi"]
+__all__ = ["GpsRecording", "KiwiFile", "common_base", "read_kiwi"]
 
 Array = NDArray[np.float64]
 
 _STAMP = struct.Struct("<BBII")
-_STEADY = 0.01  # of the time between two stamps; what a stale stamp is off by more than
-_WORST = 5e-6  # s; what a clock that was set by GPS may leave
-_WEEK = 604800.0
+_NO_GPS = 254  # seconds since the last solution, from which on there is none
+_FEWEST = 64  # samples of a part that is worth keeping
+_ROUNDING = 1e-5  # samples
 
 
 @dataclass(frozen=True, eq=False)
 class GpsRecording:
-    """Samples whose times are known.
+    """Samples without a gap, whose times are known.
 
     Attributes
     ----------
     samples : ndarray of complex, shape (n,)
         At the tuned frequency.
-    start : float
-        GPS second of the week of the first sample [s].
-    sample_rate : float
-        As the stamps say [Hz].
-    stale : int
-        Stamps that were left out at the beginning.
-    scatter : float
-        Root mean square of the stamps about a steady clock [s].
+    clock : Clock
+        GPS second of the week of each of them.
     """
 
     samples: NDArray[np.complex128]
-    start: float
-    sample_rate: float
-    stale: int
-    scatter: float
+    clock: Clock
+
+    @property
+    def start(self) -> float:
+        """GPS second of the week of the first sample [s]."""
+        return float(self.clock.time(np.zeros(1))[0])
 
     @property
     def end(self) -> float:
-        """GPS second of the week of the last sample [s]."""
-        return self.start + (self.samples.size - 1) / self.sample_rate
+        """GPS second of the week of the last sample [s]; it may be beyond the end of the week."""
+        return float(self.clock.time(np.array([self.samples.size - 1.0]))[0])
+
+    @property
+    def sample_rate(self) -> float:
+        """As the stamps say [Hz]."""
+        return self.clock.sample_rate
 
 
-def read_kiwi(file: Path) -> GpsRecording:
+@dataclass(frozen=True, eq=False)
+class KiwiFile:
+    """What a file holds.
+
+    Attributes
+    ----------
+    parts : tuple of GpsRecording
+        In the order of time; several where samples were lost on the way.
+    stale : int
+        Stamps at the beginning that belong to no clock; their blocks are left out.
+    false : int
+        Later stamps that are not those of the clock about them.
+    lost : int
+        Blocks left out later, for no clock says when they were.
+    cut : bool
+        Whether it ends within a chunk.
+    scatter : float
+        Root mean square of the stamps about their clock [s].
+    """
+
+    parts: tuple[GpsRecording, ...]
+    stale: int
+    false: int
+    lost: int
+    cut: bool
+    scatter: float
+
+    @property
+    def sample_rate(self) -> float:
+        """That of the longest part [Hz]."""
+        return max(self.parts, key=lambda part: part.samples.size).sample_rate
+
+    def notes(self) -> list[str]:
+        """Return what is wrong with it, in words."""
+        found = []
+        if self.false:
+            blocks = f", {self.lost} block(s) with them" if self.lost else "; the samples about them are whole"
+            found.append(f"{self.false} time stamp(s) that are not those of a steady clock left out{blocks}")
+        for one, other in zip(self.parts, self.parts[1:], strict=False):
+            gap = other.start - one.end - 1 / one.sample_rate
+            found.append(f"{gap:.3g} s of samples are missing at GPS second {one.end % WEEK:.3f}")
+        if self.cut:
+            found.append("it is cut off; the last block is left out")
+        return found
+
+
+def read_kiwi(file: Path) -> KiwiFile:
     """Read a recording.
 
     Parameters
@@ -71,81 +119,87 @@ def read_kiwi(file: Path) -> GpsRecording:
     Raises
     ------
     ValueError
-        If it cannot be read, is not such a file, is cut off, or its stamps are not those of a steady clock; it names
-        the file.
+        If it cannot be read, is not such a file, or its stamps are not those of a steady clock; it names the file.
     """
-    stamps, parts = _chunks(file, read_bytes(file))
+    stamps, parts, rate, cut = _chunks(file, read_bytes(file))
     counts = np.array([part.size // 2 for part in parts])
     raw = np.concatenate(parts).astype(np.float64)
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    stale = _stale(file, stamps, first)
-    place, time = first[stale:].astype(float), stamps[stale:]
-    middle, zero = place.mean(), time[0]
-    slope, offset = np.polyfit(place - middle, time - zero, 1)
-    left = time - zero - (offset + slope * (place - middle))
-    if np.abs(left).max() > _WORST:
-        raise ValueError(
-            f"{file}: stamps: {1e6 * np.abs(left).max():.3g} us off a steady clock are not allowed; at most "
-            f"{1e6 * _WORST:g} us"
-        )
-    start = float(zero + offset - slope * middle)
-    return GpsRecording(raw[::2] + 1j * raw[1::2], start, float(1 / slope), stale, float(np.sqrt(np.mean(left**2))))
+    samples = raw[::2] + 1j * raw[1::2]
+    first = np.concatenate([[0], np.cumsum(counts)])
+    try:
+        dated = clocks(stamps, first[:-1], rate)
+    except ValueError as error:
+        raise ValueError(f"{file}: stamps: {error}") from error
+    found = [
+        GpsRecording(samples[first[one.begin] : first[one.end]], one.clock.from_sample(int(first[one.begin])))
+        for one in dated
+        if first[one.end] - first[one.begin] >= _FEWEST
+    ]
+    if not found:
+        raise ValueError(f"{file}: it has fewer than {_FEWEST} samples of known time")
+    return KiwiFile(tuple(found), *_left_out(dated, stamps.size), cut, _scatter(dated))
 
 
-def _chunks(file: Path, data: bytes) -> tuple[Array, list[NDArray[np.int16]]]:
+def _left_out(dated: Sequence[Dated], stamps: int) -> tuple[int, int, int]:
+    """Return stale stamps, false ones after them, and the blocks after them that belong to no part."""
+    stale = dated[0].begin
+    good = sum(one.residual.size for one in dated)
+    lost = stamps - stale - sum(one.end - one.begin for one in dated)
+    return stale, stamps - stale - good, lost
+
+
+def _scatter(dated: Sequence[Dated]) -> float:
+    return float(np.sqrt(np.mean(np.square(np.concatenate([one.residual for one in dated])))))
+
+
+def _chunks(file: Path, data: bytes) -> tuple[Array, list[NDArray[np.int16]], float, bool]:
+    """Return stamps, blocks, the sample rate that the file claims, and whether it ends within a chunk."""
     if data[:4] != b"RIFF" or data[8:12] != b"WAVE":
         raise ValueError(
             f"{file}: it does not begin with RIFF and WAVE; a recording of a KiwiSDR with stamps is needed"
         )
     stamps: list[float] = []
+    ages: list[int] = []
     parts: list[NDArray[np.int16]] = []
-    place, formatted = 12, False
+    place, rate, cut = 12, 0.0, False
     while place + 8 <= len(data):
         kind, size = data[place : place + 4], int.from_bytes(data[place + 4 : place + 8], "little")
         body = data[place + 8 : place + 8 + size]
         if len(body) < size:
-            raise ValueError(f"{file}: it is cut off at byte {len(data)}, within a chunk of {size} bytes")
+            cut = True
+            break
         if kind == b"fmt ":
             if size < 16 or struct.unpack_from("<HH", body) != (1, 2) or struct.unpack_from("<H", body, 14) != (16,):
                 raise ValueError(f"{file}: its format is not allowed; two channels (I and Q) of 16 bit")
-            formatted = True
+            rate = float(struct.unpack_from("<I", body, 4)[0])
         elif kind == b"kiwi" and size == _STAMP.size:
-            _, _, seconds, nanoseconds = _STAMP.unpack(body)
+            age, _, seconds, nanoseconds = _STAMP.unpack(body)
             stamps.append(seconds + 1e-9 * nanoseconds)
+            ages.append(age)
         elif kind == b"data":
             parts.append(np.frombuffer(body[: size // 4 * 4], "<i2"))
         place += 8 + size + size % 2
-    if not formatted or not stamps or len(stamps) != len(parts):
+    if cut and len(stamps) == len(parts) + 1:
+        stamps.pop()
+    if not rate or not stamps or len(stamps) != len(parts):
         raise ValueError(
             f"{file}: {len(stamps)} stamps (chunks `kiwi`) and {len(parts)} blocks (chunks `data`) are not allowed; "
-            "as many of one as of the other, behind a chunk `fmt `"
+            "as many of one as of the other, behind a chunk `fmt ` with a sample rate"
         )
-    return np.array(stamps), parts
-
-
-def _stale(file: Path, stamps: Array, first: NDArray[np.int64]) -> int:
-    """Return how many stamps at the beginning do not belong to the clock of the rest."""
-    if stamps.size < 10:
-        raise ValueError(f"{file}: {stamps.size} stamps are not allowed; at least 10")
-    pace = np.diff(stamps) / np.diff(first)
-    usual = np.median(pace)
-    odd = np.flatnonzero(np.abs(pace - usual) > _STEADY * usual)
-    if odd.size and odd[-1] + 1 > stamps.size // 2:
-        raise ValueError(
-            f"{file}: stamps: {stamps[odd[-1] + 1]:.3f} s after {stamps[odd[-1]]:.3f} s is not a steady clock"
-        )
-    return int(odd[-1]) + 1 if odd.size else 0
+    if min(ages) >= _NO_GPS:
+        raise ValueError(f"{file}: its receiver had no GPS: no stamp says when its samples were taken")
+    return np.array(stamps), parts, rate, cut
 
 
 def common_base(
-    recordings: Sequence[GpsRecording], sample_rate: float, frequency: float
-) -> tuple[list[IqBlock], float]:
-    """Return the recordings at the same instants, as far as all of them reach.
+    recordings: Sequence[Sequence[GpsRecording]], sample_rate: float, frequency: float
+) -> tuple[list[list[IqBlock]], float]:
+    """Return the recordings at the same instants, from where the first to where the last of them are all there.
 
     Parameters
     ----------
-    recordings : sequence of GpsRecording
-        At least one.
+    recordings : sequence of sequence of GpsRecording
+        The parts of each receiver, in the order of time; at least one receiver.
     sample_rate : float
         Of the result [Hz].
     frequency : float
@@ -153,8 +207,8 @@ def common_base(
 
     Returns
     -------
-    list of IqBlock
-        Of equal length, beginning at time 0.
+    list of list of IqBlock
+        The parts of each receiver; time 0 is when all are there for the first time.
     float
         GPS second of the week of that time [s].
 
@@ -163,16 +217,32 @@ def common_base(
     ValueError
         If they have no time in common.
     """
-    begin = np.ceil(max(one.start for one in recordings) * sample_rate) / sample_rate
-    end = min(one.end for one in recordings)
-    count = int(np.floor((end - begin) * sample_rate)) + 1
-    if count < 1:
+    zero = recordings[0][0].start
+    # another week, by the week's end: whatever is nearest
+    weeks = [WEEK * round((parts[0].start - zero) / WEEK) for parts in recordings]
+    starts = [parts[0].start - week for parts, week in zip(recordings, weeks, strict=True)]
+    ends = [parts[-1].end - week for parts, week in zip(recordings, weeks, strict=True)]
+    begin = float(np.ceil(max(starts) * sample_rate) / sample_rate)
+    if min(ends) < begin:
         raise ValueError(
-            f"recordings: they have no time in common; the last begins at {begin:.3f} s, one ends at {end:.3f} s"
+            f"recordings: they have no time in common; the last begins at {max(starts):.3f} s, one ends at "
+            f"{min(ends):.3f} s (GPS second of the week)"
         )
-    time = np.arange(count) / sample_rate
     blocks = []
-    for one in recordings:
-        place = (begin - one.start + time) * one.sample_rate
-        blocks.append(IqBlock(interpolate(one.samples, place), sample_rate, frequency))
-    return blocks, float(begin % _WEEK)
+    for parts, week in zip(recordings, weeks, strict=True):
+        found = [_on_base(part, begin + week, min(ends) + week, sample_rate, frequency) for part in parts]
+        blocks.append([block for block in found if block is not None])
+    if not all(blocks):
+        raise ValueError("recordings: they have no time in common; where one is there, samples of another are missing")
+    return blocks, begin % WEEK
+
+
+def _on_base(part: GpsRecording, begin: float, end: float, sample_rate: float, frequency: float) -> IqBlock | None:
+    """Return a part at instants that are whole samples from `begin` on; None: nothing of it is between the two."""
+    # seconds of the week are told to 1e-10 s: what is that near to a sample is one
+    first = max(0, int(np.ceil((part.start - begin) * sample_rate - _ROUNDING)))
+    last = int(np.floor((min(part.end, end) - begin) * sample_rate + _ROUNDING))
+    if last <= first:
+        return None
+    time = begin + np.arange(first, last + 1) / sample_rate
+    return IqBlock(interpolate(part.samples, part.clock.place(time)), sample_rate, frequency, first / sample_rate)

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from quietfix.systems.constants import EARTH_RATE, SPEED_OF_LIGHT
 from quietfix.systems.geometry.light_time import Arrival
 from quietfix.systems.geometry.lines_of_sight import LineOfSight
+from quietfix.systems.geometry.wave_path import WavePath
 from quietfix.systems.measurement.base import positive
 from quietfix.systems.measurement.differenced import Differenced
 from quietfix.systems.trajectories.gravity import GravityConstants
 
-__all__ = ["Tdoa"]
+__all__ = ["GroundTdoa", "Tdoa"]
 
 Array = NDArray[np.float64]
 
@@ -64,3 +65,31 @@ class Tdoa(Differenced):
     def gradients_of(self, wave: Arrival) -> Array:
         """Return their derivatives, shape (..., p, 6)."""
         return wave.delay_jacobian
+
+
+class GroundTdoa(Tdoa):
+    """Time difference of arrival of a wave that goes along the ground, or over it by the ionosphere.
+
+    Rows and names are those of `Tdoa`; target and receivers are taken to be on the ground.
+
+    Parameters
+    ----------
+    sigma, receivers, reference
+        See `Tdoa`.
+    path : WavePath
+        How long the way is over a straight distance.
+    """
+
+    def __init__(
+        self, sigma: float, receivers: Sequence[int] = (1, 2), reference: int = 0, path: WavePath | None = None
+    ) -> None:
+        super().__init__(sigma, receivers, reference)
+        self.path = path or WavePath()
+
+    def values_from(self, sight: LineOfSight) -> Array:
+        """Return the travel times [s]."""
+        return self.path.length(sight.distance) / SPEED_OF_LIGHT
+
+    def gradients_from(self, sight: LineOfSight) -> Array:
+        """Return their derivatives, shape (..., p, 3)."""
+        return self.path.slope(sight.distance)[..., None] * sight.direction / SPEED_OF_LIGHT

@@ -66,7 +66,10 @@ class RecordedIq(EnsembleBlock):
         self.declare_abstract_output("iq", self._play, {self.time_ticket()})
 
     def _play(self, context: Context) -> IqBlock:
-        time = context.get_time()
+        return self.block_at(context.get_time())
+
+    def block_at(self, time: float) -> IqBlock:
+        """Return what is played at a time [s]."""
         if self._clock.index(time) is None:
             return self._silence
         # the part whose middle is nearest in terms of its own length: within it, at most half of that

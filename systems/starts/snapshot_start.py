@@ -41,6 +41,8 @@ class SnapshotStart(Start):
     places : callable
         ``(platforms, height) -> (..., s, 3)``: where the search begins; `starts_around` of Earth-fixed axes,
         `starts_around_level` of local ones.
+    as_well : float
+        See `snapshot_fix`.
 
     Raises
     ------
@@ -58,6 +60,7 @@ class SnapshotStart(Start):
         height: str | float = 0.0,
         noise_port: bool = False,
         places: Callable[[Array, Array], Array] = starts_around,
+        as_well: float = 0.0,
     ) -> None:
         wanted = [*model.names, *([height] if isinstance(height, str) else [])]
         absent = [row for row in wanted if row not in stream]
@@ -71,6 +74,7 @@ class SnapshotStart(Start):
         self._sigma_velocity = positive(sigma_velocity, "sigma_velocity", "m/s")
         self._noise_port = noise_port
         self._places = places
+        self._as_well = as_well
 
     @property
     def inputs(self) -> Mapping[str, int]:
@@ -92,7 +96,8 @@ class SnapshotStart(Start):
         if self._height_row is not None:
             height = measurement[:, self._height_row]
             height = np.where(np.isfinite(height), height, 0.0)
-        fix = snapshot_fix(measurement[:, self._rows], platforms, self._model, noise, self._places(platforms, height))
+        places = self._places(platforms, height)
+        fix = snapshot_fix(measurement[:, self._rows], platforms, self._model, noise, places, as_well=self._as_well)
         found = np.isfinite(fix.cost)
         mean[found, :3], mean[found, 3:] = fix.position[found], 0.0
         covariance[found] = 0.0

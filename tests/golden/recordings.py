@@ -12,12 +12,13 @@ import numpy as np
 
 from quietfix.diagrams.readers.bearings_file import read_bearings
 from quietfix.diagrams.readers.doptrack_data import read_passes
+from quietfix.diagrams.readers.kiwisdr.folder import read_folder
 from quietfix.diagrams.readers.locards_data import read_sets
 from quietfix.diagrams.recorded.bearings import Settings as BearingsSettings
 from quietfix.diagrams.recorded.bearings import declare_bearings
 from quietfix.diagrams.recorded.doptrack import ORDERS, declare_passes
 from quietfix.diagrams.recorded.doptrack import Settings as DoptrackSettings
-from quietfix.diagrams.recorded.kiwisdr import declare_data, read_folder
+from quietfix.diagrams.recorded.kiwisdr import declare_data
 from quietfix.diagrams.recorded.locards import Settings as LocardsSettings
 from quietfix.diagrams.recorded.locards import declare_sets
 from quietfix.diagrams.recorded.settings.kiwisdr_settings import Settings as KiwiSettings

@@ -28,6 +28,7 @@ from quietfix.systems.filters.modified_gain import ModifiedGainKalman
 from quietfix.systems.filters.robust import StudentRows
 from quietfix.systems.filters.unscented import UnscentedKalman
 from quietfix.systems.fixes.ranged_position import RangedPosition
+from quietfix.systems.geometry.wave_path import WavePath
 from quietfix.systems.measurement.altitude import Altitude
 from quietfix.systems.measurement.chosen import ChosenRows
 from quietfix.systems.measurement.component import Component
@@ -39,7 +40,7 @@ from quietfix.systems.measurement.position import Position
 from quietfix.systems.measurement.range_rate import RangeRate
 from quietfix.systems.measurement.received_power import ReceivedPower
 from quietfix.systems.measurement.stack import Stack
-from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.measurement.tdoa import GroundTdoa, Tdoa
 from quietfix.systems.motion.azimuth_rate import AzimuthRate
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.motion.constant_velocity import ConstantVelocity, WhiteNoiseAcceleration
@@ -233,6 +234,8 @@ MEASUREMENTS = {
     ),
     "stack of stacks": (Stack([Stack([tdoa(correlated=True), phase(wrapped=True)]), Altitude(3e3)]), "satellites"),
     "tdoa, stations": (Tdoa(50e-9, correlated=True, **_STATIONS), "stations"),
+    "tdoa along the ground, stations": (GroundTdoa(50e-9, **_STATIONS), "stations"),
+    "tdoa by a mirror, stations": (GroundTdoa(50e-9, **_STATIONS, path=WavePath(90e3)), "stations"),
     "tdoa, stations, light time": (Tdoa(50e-9, light_time=True, **_STATIONS), "stations"),
     "fdoa, stations": (Fdoa(1.0, 1.09e9, **_STATIONS), "stations"),
     "range rates, stations": (RangeRate(0.03, range(5)), "stations"),

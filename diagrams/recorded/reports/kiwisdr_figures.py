@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from quietfix.diagrams.figures.style import grid, new_figure
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef
+from quietfix.systems.geometry.wave_path import WavePath
 
 __all__ = ["draw_differences", "draw_map"]
 
 Array = NDArray[np.float64]
 
-_COLOURS = ("#0072b2", "#d55e00", "#009e73")
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 
 
 def draw_differences(title: str, times: Array, pairs: Mapping[str, tuple[Array, Array, float]]) -> Figure:
@@ -29,9 +30,10 @@ def draw_differences(title: str, times: Array, pairs: Mapping[str, tuple[Array, 
     times : ndarray, shape (times,)
         [s]
     pairs : mapping of str to (ndarray, ndarray, float)
-        By the pair's name: TDOA, NaN where it is flagged, and its sigma (times,), and the true TDOA [s].
+        By the pair's name: TDOA, NaN where it is flagged, and its sigma (times,), and the true TDOA [s] or NaN.
     """
-    figure, axes = new_figure(height=8, rows=len(pairs), sharex=True)
+    figure, axes = new_figure(height=2 + 2 * len(pairs), rows=len(pairs), sharex=True)
+    axes = np.atleast_1d(axes)
     for panel, (name, (tdoa, sigma, true)), colour in zip(axes, pairs.items(), _COLOURS, strict=False):
         good = np.isfinite(tdoa)
         panel.errorbar(
@@ -45,7 +47,8 @@ def draw_differences(title: str, times: Array, pairs: Mapping[str, tuple[Array, 
             lw=1.2,
             label=f"{name}, with the sigma predicted",
         )
-        panel.axhline(1e6 * true, color="black", lw=1.4, ls=(0, (6, 3)), label="by the straight lines from the mast")
+        if np.isfinite(true):
+            panel.axhline(1e6 * true, color="black", lw=1.4, ls=(0, (6, 3)), label="of the transmitter")
         panel.axhline(1e6 * np.median(tdoa[good]), color=colour, lw=1.2, label="median")
         panel.set_ylabel("TDOA [us]")
         grid(panel)
@@ -61,22 +64,24 @@ def _degrees(position: Array) -> Array:
     return np.degrees(np.stack([longitude, latitude]))
 
 
-def _hyperbolas(axes: Any, stations: Array, differences: Mapping[str, tuple[tuple[int, int], float]]) -> None:
+def _hyperbolas(
+    axes: Any, stations: Array, differences: Mapping[str, tuple[tuple[int, int], float]], path: WavePath
+) -> None:
     low, high = _degrees(stations).min(axis=1) - 3, _degrees(stations).max(axis=1) + 3
     longitude, latitude = np.meshgrid(np.linspace(low[0], high[0], 300), np.linspace(low[1], high[1], 300))
     place = geodetic_to_ecef(np.radians(latitude), np.radians(longitude), 0.0)
-    distance = np.linalg.norm(place[..., None, :] - stations, axis=-1) / SPEED_OF_LIGHT
+    delay = path.length(np.linalg.norm(place[..., None, :] - stations, axis=-1)) / SPEED_OF_LIGHT
     for (name, (pair, tdoa)), colour in zip(differences.items(), _COLOURS, strict=False):
-        value = distance[..., pair[1]] - distance[..., pair[0]] - tdoa
+        value = delay[..., pair[1]] - delay[..., pair[0]] - tdoa
         axes.contour(longitude, latitude, value, levels=[0.0], colors=[colour], linewidths=1.4)
         axes.plot([], [], color=colour, lw=1.4, label=name)
 
 
 def draw_map(
     title: str,
-    names: Sequence[str],
-    stations: Array,
+    receivers: Mapping[str, Array],
     differences: Mapping[str, tuple[tuple[int, int], float]],
+    path: WavePath,
     mast: Array,
     fix: Array,
     around: tuple[Array, Array, Array],
@@ -86,27 +91,33 @@ def draw_map(
     Parameters
     ----------
     title : str
-    names : sequence of str
-        Of the receivers.
-    stations : ndarray, shape (receivers, 3)
+    receivers : mapping of str to ndarray, shape (3,)
         Where they are, Earth-fixed [m].
     differences : mapping of str to ((int, int), float)
         By the pair's name: its receivers and the TDOA of the second against the first [s].
+    path : WavePath
+        How the wave goes.
     mast, fix : ndarray, shape (3,)
-        Where the transmitter is, and where it was found, Earth-fixed [m].
+        Where the transmitter is (NaN: nobody knows), and where it was found, Earth-fixed [m].
     around : (ndarray, ndarray, ndarray)
-        East and north of the mast [m]: the fix of each window (windows, 2), that of all (2,) and its covariance (2, 2).
+        East and north of the transmitter, or the fix [m]: the fix of each window (windows, 2), that of all (2,) and its
+        covariance (2, 2).
     """
     figure, (left, right) = new_figure(height=7, columns=2)
-    _hyperbolas(left, stations, differences)
-    receivers = _degrees(stations)
-    left.plot(*receivers, "^", color="black", ms=9, label="receivers")
-    for name, place in zip(names, receivers.T, strict=True):
+    stations = np.array(list(receivers.values()))
+    _hyperbolas(left, stations, differences, path)
+    places = _degrees(stations)
+    left.plot(*places, "^", color="black", ms=9, label="receivers")
+    for name, place in zip(receivers, places.T, strict=True):
         left.annotate(name, place, xytext=(7, 6), textcoords="offset points")
-    left.plot(*_degrees(mast), "+", color="black", ms=16, mew=2, label="mast")
+    known = bool(np.isfinite(mast).all())
+    origin = "transmitter" if known else "fix"
+    if known:
+        left.plot(*_degrees(mast), "+", color="black", ms=16, mew=2, label=origin)
+        right.plot(0, 0, "+", color="black", ms=18, mew=2, label=origin)
     left.plot(*_degrees(fix), "o", fillstyle="none", color="#cc79a7", ms=11, mew=2, label="fix")
     left.set(xlabel="longitude [deg]", ylabel="latitude [deg]", title="hyperbolas of the median differences")
-    left.set_aspect(1 / np.cos(np.radians(receivers[1].mean())))
+    left.set_aspect(1 / np.cos(np.radians(places[1].mean())))
     grid(left)
     left.legend(loc="lower left", framealpha=0.9)
 
@@ -118,8 +129,7 @@ def draw_map(
     ring = 2 * np.sqrt(np.maximum(values, 0)) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     ellipse = ring @ vectors.T + end
     right.plot(*ellipse.T, color="#cc79a7", lw=1.6, label="its ellipse of two sigma")
-    right.plot(0, 0, "+", color="black", ms=18, mew=2, label="mast")
-    right.set(xlabel="east of the mast [km]", ylabel="north of the mast [km]", title="fixes")
+    right.set(xlabel=f"east of the {origin} [km]", ylabel=f"north of the {origin} [km]", title="fixes")
     right.set_aspect("equal", adjustable="datalim")
     right.margins(0.12)
     grid(right)

@@ -15,16 +15,23 @@ from numpy.typing import NDArray
 from quietfix.diagrams.console.tables import Column, Table
 from quietfix.diagrams.parts.iq_comparison import PairResult, pair_result
 from quietfix.diagrams.quantities.states import POSITION
-from quietfix.diagrams.readers.kiwisdr_data import KiwiData
+from quietfix.diagrams.readers.kiwisdr.folder import KiwiData
+from quietfix.diagrams.recorded.reports.kiwisdr_sky import SkyWave, sky_wave
 from quietfix.diagrams.recorded.settings.kiwisdr_settings import Settings
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
-from quietfix.systems.fixes.snapshot import snapshot_fix, starts_around
+from quietfix.systems.fixes.snapshot import snapshot_fix, starts_on_ground
+from quietfix.systems.geometry.wave_path import WavePath
 from quietfix.systems.measurement.base import MeasurementModel
 
-__all__ = ["KiwiReport", "MastFix", "report"]
+__all__ = ["AS_WELL", "KiwiReport", "MastFix", "report"]
 
 Array = NDArray[np.float64]
+
+AS_WELL = 9.0  # of chi-square, by which places that fit may differ
+_SIGMAS = 5.0
+_SHOWN = 6  # pairs in the figures
+_ANOTHER = 50e3  # m; how far another place is at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +42,10 @@ class MastFix:
     ----------
     name : str
         Of the estimator.
+    transmitter : str
+        Its name; empty: nobody knows where it is.
     mast : ndarray, shape (3,)
-        Where the transmitter is.
+        Where it is.
     estimate, covariance : ndarray, shape (samples, 3), (samples, 3, 3)
         Earth-fixed position [m] after each comparison, and what the estimator believes of it.
     nis : float
@@ -46,6 +55,7 @@ class MastFix:
     """
 
     name: str
+    transmitter: str
     mast: Array
     estimate: Array
     covariance: Array
@@ -53,14 +63,15 @@ class MastFix:
     nis_dof: int
 
     def local(self, position: Array) -> Array:
-        """Return east, north, up [m] from the mast of positions (..., 3)."""
-        turn = enu_rotation(*ecef_to_geodetic(self.mast)[:2])
-        return np.einsum("ij,...j->...i", turn, position - self.mast)
+        """Return east, north, up [m] of positions (..., 3) from the transmitter, or the fix if that is not known."""
+        origin = self.mast if self.transmitter else self.estimate[-1]
+        turn = enu_rotation(*ecef_to_geodetic(origin)[:2])
+        return np.einsum("ij,...j->...i", turn, position - origin)
 
     @property
     def error(self) -> float:
-        """Horizontal distance of the fix from the mast [m]."""
-        return float(np.hypot(*self.local(self.estimate[-1])[:2]))
+        """Horizontal distance of the fix from the transmitter [m]; NaN: nobody knows where it is."""
+        return float(np.hypot(*self.local(self.estimate[-1])[:2])) if self.transmitter else math.nan
 
     def horizontal_covariance(self) -> Array:
         """Return what the estimator believes at the end, east and north [m^2], shape (2, 2)."""
@@ -72,15 +83,23 @@ class MastFix:
         """Root of the trace of `horizontal_covariance` [m]."""
         return float(np.sqrt(np.trace(self.horizontal_covariance())))
 
+    @property
+    def found(self) -> bool:
+        """Whether there is a fix."""
+        return bool(np.isfinite(self.estimate[-1]).all() and np.isfinite(self.covariance[-1]).all())
+
     def notes(self) -> list[str]:
         """Return it in words."""
+        if not np.isfinite(self.estimate[-1]).all():
+            return ["no fix: the differences do not meet anywhere on the ground; see the table of pairs"]
         latitude, longitude, _ = ecef_to_geodetic(self.estimate[-1])
-        east, north = self.local(self.estimate[-1])[:2] / 1e3
+        place = f"fix: latitude {math.degrees(latitude):.4f} deg, longitude {math.degrees(longitude):.4f} deg"
+        if self.transmitter:
+            east, north = self.local(self.estimate[-1])[:2] / 1e3
+            place += f": {self.error / 1e3:.2f} km from {self.transmitter} (east {east:+.2f} km, north {north:+.2f} km)"
         lines = [
-            f"fix: latitude {math.degrees(latitude):.4f} deg, longitude {math.degrees(longitude):.4f} deg: "
-            f"{self.error / 1e3:.2f} km from the mast (east {east:+.2f} km, north {north:+.2f} km)",
+            place,
             f"the covariance, from the scatter within the windows alone, claims {self.sigma / 1e3:.2f} km",
-            "the scatter understates the error: the sky wave, and delays within the receivers, shift all windows alike",
         ]
         if self.nis_dof:
             lines.append(
@@ -122,6 +141,7 @@ def report(
         fixes.append(
             MastFix(
                 name,
+                data.transmitter,
                 data.mast,
                 found["estimate"].sel(state=list(POSITION)).transpose("time", "state").values,
                 own.transpose("time", "state", "state_").values,
@@ -134,9 +154,41 @@ def report(
     noise = one["noise_covariance"].transpose("time", ...).values.reshape(-1, len(rows), len(rows))
     noise = noise[:, columns][:, :, columns].copy()
     noise[:, -1, -1] = settings.sigma_altitude_m**2
-    singly = snapshot_fix(measured, data.still, model, noise, starts_around(data.still, np.array(0.0)))
+    singly = snapshot_fix(
+        measured, data.still, model, noise, starts_on_ground(data.still, np.array(0.0)), as_well=AS_WELL
+    )
     compared = {pair: pair_result(data.names, pair, result) for pair in pairs}
-    return KiwiReport(data, settings, result["time"].values, compared, fixes, singly.position)
+    means, sigmas = _means(measured[:, :-1], noise[:, :-1, :-1])
+    sky = sky_wave(data, fixes[0].estimate[-1], means, sigmas, settings.path) if fixes[0].found else None
+    spread = np.diag(np.append(np.square(sigmas), settings.sigma_altitude_m**2))
+    others = _others(fixes[0], np.append(means, measured[-1, -1]), spread, data, model) if sky else []
+    return KiwiReport(data, settings, result["time"].values, compared, fixes, singly.position, sky, others)
+
+
+def _means(measured: Array, noise: Array) -> tuple[Array, Array]:
+    """Return means of the windows and their standard deviations, as predicted or as they scatter if that is more."""
+    variance = np.where(np.isfinite(measured), np.einsum("kii->ki", noise), np.nan)
+    count = np.isfinite(measured).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        weight = np.where(np.isfinite(variance), 1 / variance, 0.0)
+        mean = np.nansum(measured * weight, axis=0) / weight.sum(axis=0)
+        predicted = 1 / weight.sum(axis=0)
+        scatter = np.nansum(np.square(weight * (measured - mean)), axis=0) / np.square(weight.sum(axis=0))
+    sigma = np.sqrt(np.where(count > 1, np.maximum(predicted, scatter), predicted))
+    return np.where(count > 0, mean, np.nan), np.where(count > 0, sigma, np.nan)
+
+
+def _others(fix: MastFix, mean: Array, noise: Array, data: KiwiData, model: MeasurementModel) -> list[Array]:
+    """Return places on the ground that the differences fit as well as the fix."""
+    noise = np.where(np.isfinite(noise), noise, np.where(np.eye(len(noise)) > 0, 1.0, 0.0))
+    starts = starts_on_ground(data.still, np.array(0.0))
+    tried = snapshot_fix(mean, data.still, model, noise, starts[:, None])
+    best = np.nanmin(tried.cost) if np.isfinite(tried.cost).any() else np.nan
+    found: list[Array] = [fix.estimate[-1]]
+    for position, cost in zip(tried.position, tried.cost, strict=True):
+        if cost < best + AS_WELL and min(np.linalg.norm(position - one) for one in found) > _ANOTHER:
+            found.append(position)
+    return found[1:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +207,10 @@ class KiwiReport:
         One per estimator; `fix` is the first.
     singly : ndarray, shape (samples, 3)
         The fix of each comparison alone.
+    sky : SkyWave or None
+        What is known of the sky wave; None: there is no fix.
+    others : list of ndarray, shape (3,)
+        Other places that the differences fit as well.
     """
 
     data: KiwiData
@@ -163,6 +219,8 @@ class KiwiReport:
     pairs: Mapping[tuple[int, int], PairResult]
     fixes: list[MastFix]
     singly: Array
+    sky: SkyWave | None
+    others: list[Array]
 
     @property
     def fix(self) -> MastFix:
@@ -170,9 +228,15 @@ class KiwiReport:
         return self.fixes[0]
 
     def true_difference(self, pair: tuple[int, int]) -> float:
-        """Return the TDOA of a pair by the straight lines from the mast [s]."""
+        """Return the TDOA of a pair of the wave from the transmitter [s]; NaN: nobody knows where it is."""
         distance = np.linalg.norm(self.data.stations[list(pair)] - self.data.mast, axis=-1)
-        return float((distance[1] - distance[0]) / SPEED_OF_LIGHT)
+        way = self.settings.path.length(distance)
+        return float((way[1] - way[0]) / SPEED_OF_LIGHT)
+
+    def _longest(self, pair: tuple[int, int]) -> float:
+        """Return the largest difference that a wave along the ground can have [s]."""
+        apart = np.linalg.norm(self.data.stations[pair[0]] - self.data.stations[pair[1]])
+        return float(WavePath().length(apart) / SPEED_OF_LIGHT)
 
     def _median(self, pair: tuple[int, int]) -> float:
         found = self.pairs[pair]
@@ -181,20 +245,16 @@ class KiwiReport:
     def table(self) -> Table:
         """See `Report.table`."""
         seconds, length = self.settings.integration_s, self.times.size
-        title = f"{self.data.transmitter}, time differences of {length} windows of {seconds:g} s"
-        heads = ("median, us", "scatter, us", "predicted sigma, us", "true, us", "off by, us", "windows")
+        heard = self.data.transmitter or f"{self.data.frequency / 1e3:.10g} kHz"
+        title = f"{heard}, time differences of {length} windows of {seconds:g} s"
+        judged = ("true, us", "off by, us") if self.data.transmitter else ()
+        heads = ("median, us", "scatter, us", "predicted sigma, us", *judged, "windows")
         table = Table(title, [Column("pair"), *heads])
         for pair, found in self.pairs.items():
             median, true = self._median(pair), self.true_difference(pair)
-            table.add(
-                f"{found.auxiliary} - {found.main}",
-                f"{1e6 * median:.1f}",
-                f"{1e6 * np.nanstd(found.tdoa):.1f}",
-                f"{1e6 * np.nanmedian(found.sigma_tdoa):.1f}",
-                f"{1e6 * true:.1f}",
-                f"{1e6 * (median - true):+.1f}",
-                f"{np.count_nonzero(found.good)}",
-            )
+            cells = [f"{1e6 * one:.1f}" for one in (median, found.scatter, found.typical_sigma)]
+            cells += [f"{1e6 * true:.1f}", f"{1e6 * (median - true):+.1f}"] if judged else []
+            table.add(f"{found.auxiliary} - {found.main}", *cells, f"{np.count_nonzero(found.good)}")
         return table
 
     def notes(self) -> list[str]:
@@ -203,12 +263,25 @@ class KiwiReport:
         for fix in self.fixes:
             named = f"{fix.name}: " if len(self.fixes) > 1 else ""
             lines += [f"{named}{line}" for line in fix.notes()]
-        lines += [
-            f"{found.auxiliary} - {found.main}: flagged: {reasons}"
-            for found in self.pairs.values()
-            if (reasons := found.reasons())
-        ]
-        return list(dict.fromkeys(lines))
+        if self.sky is not None:
+            lines[2:2] = self.sky.notes(self.data, self.fix.sigma, self.settings.path)
+        for other in self.others:
+            latitude, longitude, _ = np.degrees(ecef_to_geodetic(other))
+            lines.append(
+                f"the differences fit latitude {latitude:.3f} deg, longitude {longitude:.3f} deg as well; the fix is "
+                "the place nearest to the receivers"
+            )
+        for pair, found in self.pairs.items():
+            named = f"{found.auxiliary} - {found.main}"
+            beyond = abs(self._median(pair)) - self._longest(pair)
+            if beyond > _SIGMAS * found.typical_sigma:
+                lines.append(
+                    f"{named}: its delay is {1e6 * beyond:.3g} us longer than the ground wave allows between the two, "
+                    f"{1e6 * self._longest(pair):.1f} us: a sky wave, or a clock that is off"
+                )
+            if reasons := found.reasons():
+                lines.append(f"{named}: flagged: {reasons}")
+        return list(dict.fromkeys([*lines, *self.data.left_out]))
 
     def summary(self) -> dict[str, Any]:
         """See `Report.summary`."""
@@ -216,20 +289,30 @@ class KiwiReport:
             "windows": int(self.times.size),
             "integration_s": self.settings.integration_s,
             "receivers": {
-                name: {"sample_rate_hz": one.sample_rate, "stale_stamps": one.stale, "stamp_scatter_s": one.scatter}
+                name: {
+                    "sample_rate_hz": one.sample_rate,
+                    "stale_stamps": one.stale,
+                    "false_stamps": one.false,
+                    "parts": len(one.parts),
+                    "stamp_scatter_s": one.scatter,
+                }
                 for name, one in zip(self.data.names, self.data.recordings, strict=True)
             },
             "pairs": {
                 f"{found.auxiliary} - {found.main}": {
                     "tdoa_s": _finite(self._median(pair)),
-                    "scatter_s": _finite(float(np.nanstd(found.tdoa))),
-                    "sigma_s": _finite(float(np.nanmedian(found.sigma_tdoa))),
-                    "true_s": self.true_difference(pair),
+                    "scatter_s": _finite(found.scatter),
+                    "sigma_s": _finite(found.typical_sigma),
+                    "true_s": _finite(self.true_difference(pair)),
                     "windows": int(np.count_nonzero(found.good)),
                 }
                 for pair, found in self.pairs.items()
             },
+            "frequency_hz": self.data.frequency,
             "fix": self.fix.numbers(),
+            "sigma_horizontal_with_sky_wave_m": None
+            if self.sky is None
+            else _finite(float(np.sqrt(np.trace(self.sky.covariance) + self.fix.sigma**2))),
             "estimators": {fix.name: fix.numbers() for fix in self.fixes},
         }
 
@@ -238,18 +321,23 @@ class KiwiReport:
         from quietfix.diagrams.figures.style import save
         from quietfix.diagrams.recorded.reports.kiwisdr_figures import draw_differences, draw_map
 
-        fix, who = self.fix, self.data.transmitter
+        fix = self.fix
+        if not fix.found:
+            return []
+        who = self.data.transmitter or f"{self.data.frequency / 1e3:.10g} kHz"
+        shown = {pair: one for pair, one in list(self.pairs.items())[:_SHOWN] if one.good.any()}
         pairs = {
-            f"{found.auxiliary} - {found.main}": (found.tdoa, found.sigma_tdoa, self.true_difference(pair))
-            for pair, found in self.pairs.items()
+            f"{one.auxiliary} - {one.main}": (one.tdoa, one.sigma_tdoa, self.true_difference(pair))
+            for pair, one in shown.items()
         }
         windows = f"windows of {self.settings.integration_s:g} s"
         against_time = draw_differences(f"{who}: time differences of arrival, {windows}", self.times, pairs)
+        found = f"{fix.error / 1e3:.2f} km from it" if self.data.transmitter else "nobody knows where it is"
         place = draw_map(
-            f"{who}: fix {fix.error / 1e3:.2f} km from the mast; the scatter alone claims {fix.sigma / 1e3:.2f} km",
-            self.data.names,
-            self.data.stations,
-            {name: (pair, self._median(pair)) for name, pair in zip(pairs, self.pairs, strict=True)},
+            f"{who}: the fix, {found}; the scatter alone claims {fix.sigma / 1e3:.2f} km",
+            dict(zip(self.data.names, self.data.stations, strict=True)),
+            {name: (pair, self._median(pair)) for name, pair in zip(pairs, shown, strict=True)},
+            self.settings.path,
             self.data.mast,
             fix.estimate[-1],
             (fix.local(self.singly)[:, :2], fix.local(fix.estimate[-1])[:2], fix.horizontal_covariance()),
