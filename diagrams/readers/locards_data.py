@@ -2,7 +2,9 @@
 
 ``sensors.csv`` says where the receivers are; ``set_*.csv`` has one message a line: ``aircraft``, its own ``latitude``,
 ``longitude``, ``baroAltitude`` and ``geoAltitude``, and ``measurements``, a list of [receiver, time of arrival in ns,
-signal strength]. The clocks' common zero is arbitrary.
+signal strength]. The clocks' common zero is arbitrary. Recordings of others differ in words: columns in any order and
+under their usual other names, any delimiter, numbers or texts as identifiers, and everything that an aircraft says of
+itself may be missing.
 
 Schaefer, Strohmeier, Leonardi and Lenders, *LocaRDS: a localization reference data set*, Sensors 21 (2021) 5516,
 doi 10.3390/s21165516.
@@ -10,33 +12,51 @@ doi 10.3390/s21165516.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
+import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.diagrams.readers.arrivals.cells import cell_rows, header_of, identifier, number, optional_number
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.earth.geodetic import geodetic_to_ecef
-from quietfix.systems.files import Unreadable, read_text
 
-__all__ = ["LocardsSet", "Receiver", "Track", "read_receivers", "read_set", "read_sets"]
+__all__ = ["LocardsSet", "Receiver", "Track", "holds_messages", "read_receivers", "read_set", "read_sets"]
 
 Array = NDArray[np.float64]
 
 _NS = 1e-9
-_LARGEST = 1e6  # deg or m
 _LATEST = 10**18  # ns; some 30 years
 _DURATION = 120_000  # ns; what an aircraft sends takes so long, so two lines within it hold one message
-_RECEIVER_COLUMNS = ("serial", "latitude", "longitude", "height")
-_MESSAGE_COLUMNS = ("aircraft", "latitude", "longitude", "baroAltitude", "geoAltitude", "measurements")
+_LATITUDE = ("latitude", "lat", "latitudedeg", "latdeg")
+_LONGITUDE = ("longitude", "lon", "lng", "long", "longitudedeg", "londeg")
+_RECEIVER_COLUMNS = {
+    "serial": ("serial", "sensor", "receiver", "station", "sensorid", "receiverid", "stationid", "name", "id"),
+    "latitude": _LATITUDE,
+    "longitude": _LONGITUDE,
+    "height": ("height", "heightm", "altitude", "altitudem", "alt", "altm", "elevation", "elevationm", "ele"),
+}
+_MESSAGE_COLUMNS = {
+    "measurements": ("measurements", "arrivals", "receptions", "timesofarrival", "toas"),
+    "aircraft": ("aircraft", "icao24", "icao", "icaoaddress", "target", "targetid", "aircraftid", "hex", "transponder"),
+    "latitude": _LATITUDE,
+    "longitude": _LONGITUDE,
+    "baroAltitude": (
+        *("baroaltitude", "baroalt", "altbaro", "barometricaltitude", "baroaltitudem", "pressurealtitude"),
+        *("altitude", "altitudem", "alt"),
+    ),
+    "geoAltitude": ("geoaltitude", "geoalt", "altgeo", "geometricaltitude", "geoaltitudem", "gnssaltitude"),
+}
+_NEEDED = {"receivers": ("serial", "latitude", "longitude"), "messages": ("aircraft", "measurements")}
+_FRACTION = re.compile(r"[+-]?\d+[.,]\d+")
+_TABLES = ("*.csv", "*.tsv", "*.txt")
 
 
 class Receiver(NamedTuple):
@@ -52,8 +72,8 @@ class Track:
 
     Attributes
     ----------
-    aircraft : int
-        Number of the aircraft.
+    aircraft : int or str
+        Number or name of the aircraft.
     times : ndarray, shape (messages,)
         Median time of arrival, from the first message of the set [s]; strictly increasing.
     arrivals : ndarray, shape (messages, receivers)
@@ -68,7 +88,7 @@ class Track:
         Truth, for scoring only: the aircraft's own latitude and longitude [rad] and geometric height [m].
     """
 
-    aircraft: int
+    aircraft: int | str
     times: Array
     arrivals: Array
     platforms: Array
@@ -94,17 +114,20 @@ class LocardsSet:
         One per aircraft.
     repeats : int
         Lines left out because they hold a message that another line has already.
+    notes : sequence of str
+        What a reader of the results must know.
     """
 
     name: str
     tracks: list[Track]
     repeats: int
+    notes: Sequence[str] = ()
 
 
 class _Message(NamedTuple):
-    aircraft: int
+    aircraft: int | str
     stamp: int  # ns
-    receivers: list[int]
+    receivers: list[int | str]
     arrivals: list[int]  # ns
     altitude: float
     reported: tuple[float, float, float]
@@ -113,49 +136,111 @@ class _Message(NamedTuple):
 def read_sets(folder: Path) -> list[LocardsSet]:
     """Read all sets of a folder.
 
+    The receivers are in ``sensors.csv``, else in the one table that says where receivers are; the sets are
+    ``set_*.csv``, else all tables with messages.
+
     Raises
     ------
     UserError
         If a file is missing or broken; it names file, line and what is allowed.
     """
-    receivers = read_receivers(folder / "sensors.csv")
-    files = sorted(folder.glob("set_*.csv"))
+    sensors = _sensors(folder)
+    receivers = read_receivers(sensors)
+    files = sorted(folder.glob("set_*.csv")) or _with_messages(folder)
     if not files:
         raise UserError(f"{folder}: there is no file set_*.csv")
-    return [read_set(file, receivers) for file in files]
+    assumed = _without_height(sensors)
+    return [read_set(file, receivers, sensors.name, assumed) for file in files]
 
 
-def read_receivers(file: Path) -> dict[int, Receiver]:
-    """Read where the receivers are; one at latitude 0, longitude 0 has no known place and is left out."""
-    receivers = {}
-    for where, row in _rows(file, _RECEIVER_COLUMNS):
-        serial = _whole(where, row, "serial")
-        latitude, longitude, height = (_number(where, row, column) for column in _RECEIVER_COLUMNS[1:])
+def holds_messages(folder: Path) -> bool:
+    """Return whether a folder has tables of messages, under whatever names."""
+    return folder.is_dir() and bool(_with_messages(folder))
+
+
+def _with_messages(folder: Path) -> list[Path]:
+    return [file for file in _tables(folder) if header_of(file, _MESSAGE_COLUMNS) >= set(_NEEDED["messages"])]
+
+
+def _tables(folder: Path) -> list[Path]:
+    return sorted(file for pattern in _TABLES for file in folder.glob(pattern) if file.is_file())
+
+
+def _sensors(folder: Path) -> Path:
+    """Return the table of the receivers."""
+    usual = folder / "sensors.csv"
+    if usual.exists():
+        return usual
+    needed = set(_NEEDED["receivers"])
+    found = [
+        file
+        for file in _tables(folder)
+        if header_of(file, _RECEIVER_COLUMNS) >= needed and "measurements" not in header_of(file, _MESSAGE_COLUMNS)
+    ]
+    if len(found) > 1:
+        names = ", ".join(file.name for file in found[:5])
+        raise UserError(f"{folder}: {names} all say where receivers are; one of them, or sensors.csv")
+    return found[0] if found else usual
+
+
+def read_receivers(file: Path) -> dict[int | str, Receiver]:
+    """Read where the receivers are; one at latitude 0, longitude 0 has no known place and is left out.
+
+    One without a height stands as high as the others in the middle.
+    """
+    found: dict[int | str, tuple[float, float, float]] = {}
+    for where, row in cell_rows(file, _RECEIVER_COLUMNS, _NEEDED["receivers"]):
+        latitude, longitude = (number(where, row, column) for column in ("latitude", "longitude"))
+        height = optional_number(where, row, "height")
+        if not row["serial"]:
+            raise UserError(f"{where}: serial: nothing is not allowed; a number or a name")
         if latitude == 0 and longitude == 0:
             continue
-        place = geodetic_to_ecef(math.radians(latitude), math.radians(longitude), height)
-        receivers[serial] = Receiver(place, height)
+        if abs(latitude) > 90:
+            raise UserError(f"{where}: latitude: {latitude:g} is not allowed; -90 to 90")
+        found[identifier(row["serial"])] = latitude, longitude, height
+    known = [height for _, _, height in found.values() if math.isfinite(height)]
+    middle = float(np.median(known)) if known else 0.0
+    receivers = {}
+    for serial, (latitude, longitude, height) in found.items():
+        level = height if math.isfinite(height) else middle
+        receivers[serial] = Receiver(geodetic_to_ecef(math.radians(latitude), math.radians(longitude), level), level)
     return receivers
 
 
-def read_set(file: Path, receivers: Mapping[int, Receiver]) -> LocardsSet:
+def _without_height(file: Path) -> set[int | str]:
+    """Return the receivers whose height nobody says."""
+    rows = cell_rows(file, _RECEIVER_COLUMNS, _NEEDED["receivers"])
+    return {identifier(row["serial"]) for where, row in rows if math.isnan(optional_number(where, row, "height"))}
+
+
+def read_set(
+    file: Path,
+    receivers: Mapping[int | str, Receiver],
+    sensors: str = "sensors.csv",
+    assumed: Collection[int | str] = (),
+) -> LocardsSet:
     """Read the messages of a set.
 
     Parameters
     ----------
     file : Path
         ``set_*.csv``.
-    receivers : mapping of int to Receiver
+    receivers : mapping of int or str to Receiver
         What `read_receivers` returned.
+    sensors : str
+        Name of their file.
+    assumed : collection of int or str
+        Those whose height is assumed.
     """
     messages: list[_Message] = []
-    for where, row in _rows(file, _MESSAGE_COLUMNS):
-        messages.append(_message(where, row, receivers))
+    for where, row in cell_rows(file, _MESSAGE_COLUMNS, _NEEDED["messages"]):
+        messages.append(_message(where, row, receivers, sensors))
     if not messages:
         raise UserError(f"{file}: there are no messages in it")
     width = max(len(message.receivers) for message in messages)
     first = min(message.stamp for message in messages)
-    aircraft: dict[int, list[_Message]] = defaultdict(list)
+    aircraft: dict[int | str, list[_Message]] = defaultdict(list)
     repeats = 0
     for message in sorted(messages, key=lambda message: message.stamp):
         group = aircraft[message.aircraft]
@@ -163,11 +248,20 @@ def read_set(file: Path, receivers: Mapping[int, Receiver]) -> LocardsSet:
             repeats += 1
         else:
             group.append(message)
-    tracks = [_track(aircraft[number], receivers, width, first) for number in sorted(aircraft)]
-    return LocardsSet(file.stem, tracks, repeats)
+    order = sorted(aircraft, key=lambda one: (isinstance(one, str), 0 if isinstance(one, str) else one, str(one)))
+    tracks = [_track(aircraft[one], receivers, width, first) for one in order]
+    heard = {serial for message in messages for serial in message.receivers}
+    return LocardsSet(file.stem, tracks, repeats, _notes(sorted(map(str, heard & set(assumed))), sensors))
 
 
-def _track(messages: list[_Message], receivers: Mapping[int, Receiver], width: int, first: int) -> Track:
+def _notes(levels: Sequence[str], sensors: str) -> list[str]:
+    if not levels:
+        return []
+    more = f" and {len(levels) - 5} more" * (len(levels) > 5)
+    return [f"{sensors} says no height of {', '.join(levels[:5])}{more}: taken for that of the others in the middle"]
+
+
+def _track(messages: list[_Message], receivers: Mapping[int | str, Receiver], width: int, first: int) -> Track:
     count = len(messages)
     arrivals = np.full((count, width), np.nan)
     platforms = np.full((count, width, 6), np.nan)
@@ -189,27 +283,14 @@ def _track(messages: list[_Message], receivers: Mapping[int, Receiver], width: i
     )
 
 
-def _message(where: str, row: Mapping[str, str], receivers: Mapping[int, Receiver]) -> _Message:
-    try:
-        entries = json.loads(row["measurements"])
-    except (ValueError, RecursionError) as error:
-        raise UserError(f"{where}: measurements: {row['measurements']!r} is not a list ({error})") from error
-    serials, arrivals = [], []
-    for entry in entries if isinstance(entries, list) else [entries]:
-        whole = isinstance(entry, list) and len(entry) >= 2 and all(type(value) is int for value in entry[:2])
-        whole = whole and abs(entry[1]) < _LATEST
-        if not whole:
-            raise UserError(f"{where}: measurements: {entry!r} is not allowed; [receiver, arrival in ns, strength]")
-        if entry[0] not in receivers:
-            raise UserError(f"{where}: measurements: receiver {entry[0]} has no place in sensors.csv")
-        serials.append(entry[0])
-        arrivals.append(entry[1])
-    if len(arrivals) < 2 or len(set(serials)) < len(serials):
-        raise UserError(f"{where}: measurements: at least two different receivers are needed, there are {serials}")
-    degrees = [_number(where, row, column, empty=math.nan) for column in ("latitude", "longitude")]
-    barometric, geometric = (_number(where, row, c, empty=math.nan) for c in ("baroAltitude", "geoAltitude"))
+def _message(where: str, row: Mapping[str, str], receivers: Mapping[int | str, Receiver], sensors: str) -> _Message:
+    serials, arrivals = _arrivals(where, row["measurements"], receivers, sensors)
+    if not row["aircraft"] or _FRACTION.fullmatch(row["aircraft"]):
+        raise UserError(f"{where}: aircraft: {row['aircraft']!r} is not allowed; a whole number or a name")
+    degrees = [optional_number(where, row, column) for column in ("latitude", "longitude")]
+    barometric, geometric = (optional_number(where, row, c) for c in ("baroAltitude", "geoAltitude"))
     return _Message(
-        _whole(where, row, "aircraft"),
+        identifier(row["aircraft"]),
         # the middle one: a receiver whose clock is wrong must not move the message in time
         sorted(arrivals)[len(arrivals) // 2],
         serials,
@@ -219,44 +300,24 @@ def _message(where: str, row: Mapping[str, str], receivers: Mapping[int, Receive
     )
 
 
-def _rows(file: Path, columns: tuple[str, ...]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield where a line is, for messages, and its cells."""
+def _arrivals(
+    where: str, cell: str, receivers: Mapping[int | str, Receiver], sensors: str
+) -> tuple[list[int | str], list[int]]:
+    """Return the receivers of a message, and when they heard it [ns]."""
     try:
-        with io.StringIO(read_text(file), newline="") as stream:
-            reader = csv.DictReader(stream, strict=True)
-            absent = [column for column in columns if column not in (reader.fieldnames or [])]
-            if absent:
-                there = ", ".join(reader.fieldnames or []) or "none"
-                raise UserError(f"{file}: column {absent[0]} is missing; there are {there}")
-            for row in reader:
-                where = f"{file} line {reader.line_num}"
-                if None in row or None in row.values():
-                    raise UserError(
-                        f"{where}: it does not have {len(reader.fieldnames or [])} cells, as the first line"
-                    )
-                yield where, row
-    except Unreadable as error:
-        raise UserError(f"{file}: it cannot be read ({error.reason})") from error
-    except csv.Error as error:
-        raise UserError(f"{file}: it is not a CSV file ({error})") from error
-
-
-def _number(where: str, row: Mapping[str, Any], column: str, empty: float | None = None) -> float:
-    if empty is not None and not row[column].strip():
-        return empty
-    try:
-        value = float(row[column])
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= _LARGEST:
-        raise UserError(
-            f"{where}: {column}: {row[column]!r} is not allowed; a finite number, at most {_LARGEST:g} in size"
-        )
-    return value
-
-
-def _whole(where: str, row: Mapping[str, Any], column: str) -> int:
-    try:
-        return int(row[column])
-    except ValueError:
-        raise UserError(f"{where}: {column}: {row[column]!r} is not allowed; a whole number") from None
+        entries = json.loads(cell)
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"{where}: measurements: {cell!r} is not a list ({error})") from error
+    serials, arrivals = [], []
+    for entry in entries if isinstance(entries, list) else [entries]:
+        named = isinstance(entry, list) and len(entry) >= 2 and type(entry[0]) in (int, str)
+        if not named or type(entry[1]) is not int or abs(entry[1]) >= _LATEST:
+            raise UserError(f"{where}: measurements: {entry!r} is not allowed; [receiver, arrival in ns, strength]")
+        serial = identifier(entry[0])
+        if serial not in receivers:
+            raise UserError(f"{where}: measurements: receiver {serial} has no place in {sensors}")
+        serials.append(serial)
+        arrivals.append(entry[1])
+    if len(arrivals) < 2 or len(set(serials)) < len(serials):
+        raise UserError(f"{where}: measurements: at least two different receivers are needed, there are {serials}")
+    return serials, arrivals

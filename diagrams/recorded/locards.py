@@ -1,8 +1,8 @@
 """Aircraft located by the times at which receivers on the ground hear their messages: LocaRDS.
 
 The receivers with GPS clocks that heard a message are its platforms: four time differences and the barometric altitude
-that the message reports. Every track is a run of one and the same diagram. The aircraft's own position, which it
-reports as well, is used for scoring and nowhere else.
+that the message reports; where it reports none, one is assumed. Every track is a run of one and the same diagram. The
+aircraft's own position, if it reports one, is used for scoring and nowhere else.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from quietfix.diagrams.assembly.system import System
 from quietfix.diagrams.parts.recorded import RecordedStream
 from quietfix.diagrams.quantities.states import POSITION
 from quietfix.diagrams.readers.data import Source, data_folder
-from quietfix.diagrams.readers.locards_data import LocardsSet, Track, read_sets
+from quietfix.diagrams.readers.locards_data import LocardsSet, Track, holds_messages, read_sets
 from quietfix.diagrams.recorded.reports.locards_report import Piece, report
 from quietfix.diagrams.recorded.settings.locards_settings import FALLBACK_M, LEAST_M, Settings
 from quietfix.diagrams.recorded.settings.locards_sigma import residual_sigma
@@ -92,7 +93,9 @@ def split(track: Track, gap: float) -> list[Track]:
 
 def declare(settings: Settings) -> Model:
     """Return the tracks of all sets and what the estimators are given; see `quietfix.diagrams.assembly`."""
-    return declare_sets(read_sets(data_folder(SOURCE, settings.data)), settings)
+    named = Path(settings.data)
+    folder = named if settings.data and holds_messages(named) else data_folder(SOURCE, settings.data)
+    return declare_sets(read_sets(folder), settings)
 
 
 def declare_sets(sets: Sequence[LocardsSet], settings: Settings) -> Model:
@@ -139,7 +142,8 @@ def declare_sets(sets: Sequence[LocardsSet], settings: Settings) -> Model:
             clocks=played.clocks,
             times=played.times,
             report=partial(report, sets=sets, pieces=pieces, settings=settings),
-            keeps=[f"excluded_{name}" for name in gated],
+            keeps=["covariance", *(f"excluded_{name}" for name in gated)],
+            truth=any(np.isfinite(_truth(piece.track)).any() for piece in pieces),
         ),
     )
 
@@ -161,13 +165,15 @@ def _tracks(sets: Sequence[LocardsSet], settings: Settings) -> tuple[list[Piece]
         for k, found in enumerate(heard):
             # sigma is estimated from what is heard in that trial, faults included
             ones = [_trial(one, k) for one in recordings]
+            assumed = settings.assumed_altitude_m, settings.sigma_assumed_altitude_m
             sigma = settings.sigma_tdoa_m or (
-                residual_sigma(ones, FALLBACK_M, settings.sigma_altitude_m, LEAST_M) or FALLBACK_M
+                residual_sigma(ones, FALLBACK_M, settings.sigma_altitude_m, LEAST_M, assumed) or FALLBACK_M
             )
             noise = _measured(sigma, width, settings)[0].noise_covariance()
             for (track, n, part), one in zip(parts, ones, strict=True):
                 name = f"{data.name}/{track.aircraft}" + f".{n}" * (n > 0) + ", faults" * (k > 0)
-                found.append((Piece(name, i, part, track.times.size, sigma), _widened(one, width, noise)))
+                widened = _assumed(_widened(one, width, noise), settings)
+                found.append((Piece(name, i, part, track.times.size, sigma), widened))
     every = [one for found in heard for one in found]
     return [piece for piece, _ in every], [one for _, one in every]
 
@@ -184,9 +190,30 @@ def _widened(recorded: Recording, receivers: int, noise: Array) -> Recording:
     return Recording(recorded.times, measurement, platforms, np.broadcast_to(noise, (samples, *noise.shape)))
 
 
+def _assumed(recorded: Recording, settings: Settings) -> Recording:
+    r"""Return a recording with an altitude for every message that reports none.
+
+    The altitude that is assumed is one fact, not one a message: the first of n messages has it with its standard
+    deviation s, each of the others with :math:`s \sqrt{n - 1}`, so that all together tell no more than two do.
+    """
+    silent = np.flatnonzero(np.isnan(recorded.measurement[:, 0, -1]))
+    if not silent.size:
+        return recorded
+    assert recorded.noise_covariance is not None
+    measurement, noise = recorded.measurement.copy(), recorded.noise_covariance.copy()
+    measurement[silent, 0, -1] = settings.assumed_altitude_m
+    noise[silent, ..., -1, -1] = settings.sigma_assumed_altitude_m**2 * max(silent.size - 1, 1)
+    noise[silent[0], ..., -1, -1] = settings.sigma_assumed_altitude_m**2
+    return Recording(recorded.times, measurement, recorded.platforms, noise)
+
+
 def _truth(track: Track) -> Array:
-    """Return where the aircraft says it is, shape (messages, 3); NaN where it does not say it."""
-    return geodetic_to_ecef(*track.reported.T)
+    """Return where the aircraft says it is, shape (messages, 3); NaN where it does not say it.
+
+    Without a geometric height its barometric one stands for it, as in the scores.
+    """
+    latitude, longitude, height = track.reported.T
+    return geodetic_to_ecef(latitude, longitude, np.where(np.isfinite(height), height, track.altitude))
 
 
 SYSTEM = System(

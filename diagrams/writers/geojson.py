@@ -33,10 +33,10 @@ class EstimatedTrack:
     ----------
     name : str
         Of the target or the estimator.
-    second : ndarray of int, shape (k,)
-        Whole seconds of TAI since 1970; see `quietfix.systems.earth.time_scales`.
+    second : ndarray of int, shape (k,), or None
+        Whole seconds of TAI since 1970; see `quietfix.systems.earth.time_scales`. None: there are no dates.
     rest : ndarray, shape (k,)
-        And the rest [s].
+        And the rest [s]; without dates all of the time.
     latitude, longitude : ndarray, shape (k,)
         On WGS 84 [deg].
     height : ndarray, shape (k,)
@@ -48,7 +48,7 @@ class EstimatedTrack:
     """
 
     name: str
-    second: NDArray[np.int64]
+    second: NDArray[np.int64] | None
     rest: Array
     latitude: Array
     longitude: Array
@@ -114,7 +114,7 @@ def _features(track: EstimatedTrack, every: int) -> list[dict[str, Any]]:
     for row in np.flatnonzero(known)[::every]:
         properties = _properties(track, int(row))
         found.append(_feature({"type": "Point", "coordinates": _position(place[row])}, properties))
-        found += _ellipses(track, int(row), properties)
+        found += _ellipses(track, int(row))
     return found
 
 
@@ -139,9 +139,14 @@ def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
+def _moment(track: EstimatedTrack, row: int) -> dict[str, Any]:
+    if track.second is None:
+        return {"time_s": float(track.rest[row])}
+    return {"time": f"{from_tai(int(track.second[row]), float(track.rest[row]))}Z"}
+
+
 def _properties(track: EstimatedTrack, row: int) -> dict[str, Any]:
-    second, rest = int(track.second[row]), float(track.rest[row])
-    found: dict[str, Any] = {"name": track.name, "kind": "estimate", "time": f"{from_tai(second, rest)}Z"}
+    found: dict[str, Any] = {"name": track.name, "kind": "estimate", **_moment(track, row)}
     found["height_m"] = _number(track.height[row])
     if track.covariance is not None:
         variances = np.diagonal(track.covariance[row])
@@ -154,7 +159,7 @@ def _properties(track: EstimatedTrack, row: int) -> dict[str, Any]:
     return found
 
 
-def _ellipses(track: EstimatedTrack, row: int, properties: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _ellipses(track: EstimatedTrack, row: int) -> list[dict[str, Any]]:
     if track.covariance is None or not np.isfinite(track.covariance[row, :2, :2]).all():
         return []
     found = []
@@ -162,7 +167,7 @@ def _ellipses(track: EstimatedTrack, row: int, properties: Mapping[str, Any]) ->
         ring, clipped = ellipse_ring(
             track.latitude[row], track.longitude[row], track.height[row], size**2 * track.covariance[row, :2, :2]
         )
-        about = {"name": track.name, "kind": "ellipse", "size": name, "time": properties["time"]}
+        about = {"name": track.name, "kind": "ellipse", "size": name, **_moment(track, row)}
         if clipped:
             about["clipped"] = True  # larger than a quarter of the way around the Earth
         rings = [[[_position(one) for one in part]] for part in cut_ring(ring)]

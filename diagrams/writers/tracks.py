@@ -35,11 +35,14 @@ _KM = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class _Track:
-    """Estimates of one target by one estimator where there is one, Earth-fixed; NaN velocities where it has none."""
+    """Estimates of one target by one estimator where there is one, Earth-fixed; NaN velocities where it has none.
+
+    Without dates `second` is None, and `rest` the time in seconds.
+    """
 
     target: str
     estimator: str
-    second: NDArray[np.int64]
+    second: NDArray[np.int64] | None
     rest: Array
     state: Array
     covariance: Array
@@ -59,7 +62,8 @@ class _Track:
 def write_tracks(dataset: xr.Dataset, began: tuple[int, float] | None, folder: Path) -> list[Path]:
     """Write estimates as GeoJSON, GPX and, of states with a velocity, orbit ephemeris messages.
 
-    Nothing is written of places that are not on the Earth, or of times without a date.
+    Nothing is written of places that are not on the Earth. Without a date GeoJSON has ``time_s``, GPX no times, and
+    there are no ephemeris messages.
 
     Parameters
     ----------
@@ -69,9 +73,9 @@ def write_tracks(dataset: xr.Dataset, began: tuple[int, float] | None, folder: P
         t = 0 in seconds of TAI since 1970, whole ones and the rest.
     folder : Path
     """
-    if began is None or not frame_of(dataset).geodetic or not set(POSITION) <= {*dataset["state"].values}:
+    if not frame_of(dataset).geodetic or not set(POSITION) <= {*dataset["state"].values}:
         return []
-    tracks = [track for track in _tracks(dataset, began) if track.second.size]
+    tracks = [track for track in _tracks(dataset, began) if track.rest.size]
     written = []
     for write in _FORMATS:
         for name, text in write(tracks) if tracks else ():
@@ -81,7 +85,7 @@ def write_tracks(dataset: xr.Dataset, began: tuple[int, float] | None, folder: P
     return written
 
 
-def _tracks(dataset: xr.Dataset, began: tuple[int, float]) -> Iterator[_Track]:
+def _tracks(dataset: xr.Dataset, began: tuple[int, float] | None) -> Iterator[_Track]:
     axis, names = along(dataset), [str(name) for name in dataset["state"].values]
     places = [names.index(name) if name in names else -1 for name in (*POSITION, *VELOCITY)]
     has = [i for i, place in enumerate(places) if place >= 0]
@@ -91,28 +95,35 @@ def _tracks(dataset: xr.Dataset, began: tuple[int, float]) -> Iterator[_Track]:
             one = dataset.sel(estimator=name).isel(trial=k)
             estimate = one["estimate"].transpose(axis, "state").values
             known = np.isfinite(time[k]) & np.isfinite(estimate[:, places[:3]]).all(axis=-1)
-            whole = np.floor(time[k, known])
-            rest = began[1] + (time[k, known] - whole)
-            carried = np.floor(rest)
+            second, rest = _moments(time[k, known], began)
             state = np.full((int(known.sum()), 6), np.nan)
             state[:, has] = estimate[known][:, [places[i] for i in has]]
             covariance = np.full((len(state), 6, 6), np.nan)
             kept = np.array([places[i] for i in has])
             covariance[:, np.array(has)[:, None], has] = one["covariance"].values[known][:, kept[:, None], kept]
-            second = began[0] + (whole + carried).astype(np.int64)
             yield _Track(
                 str(target),
                 str(name),
                 second,
-                rest - carried,
+                rest,
                 state,
                 covariance,
                 one["nis"].values[known].astype(float),
             )
 
 
+def _moments(time: Array, began: tuple[int, float] | None) -> tuple[NDArray[np.int64] | None, Array]:
+    """Return whole seconds of TAI since 1970 and rests; without a date None and the times themselves."""
+    if began is None:
+        return None, time
+    whole = np.floor(time)
+    rest = began[1] + (time - whole)
+    carried = np.floor(rest)
+    return began[0] + (whole + carried).astype(np.int64), rest - carried
+
+
 def _geojson(tracks: Sequence[_Track]) -> Iterator[tuple[str, str]]:
-    every = max(1, sum(track.second.size for track in tracks) // _POINTS)
+    every = max(1, sum(track.rest.size for track in tracks) // _POINTS)
     shown = []
     for track in tracks:
         latitude, longitude, height = track.place
@@ -129,16 +140,18 @@ def _gpx(tracks: Sequence[_Track]) -> Iterator[tuple[str, str]]:
         latitude, longitude, height = track.place
         unknown, part = np.full(height.size, np.nan), np.zeros(height.size, dtype=np.int64)
         name = f"{track.name} (heights above the ellipsoid of WGS 84)"
-        shown.append(GpxTrack(name, track.second, track.rest, latitude, longitude, height, unknown, part))
-    yield "estimates.gpx", gpx_text(shown)
+        second = np.zeros(height.size, dtype=np.int64) if track.second is None else track.second
+        shown.append(GpxTrack(name, second, track.rest, latitude, longitude, height, unknown, part))
+    yield "estimates.gpx", gpx_text(shown, dated=all(track.second is not None for track in tracks))
 
 
 def _oem(tracks: Sequence[_Track]) -> Iterator[tuple[str, str]]:
     created = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}"
     for track in tracks[:_MOST]:
-        if not np.isfinite(track.state).all():
+        second = track.second
+        if second is None or not np.isfinite(track.state).all():
             continue
-        stamps = [from_tai(int(track.second[i]), float(track.rest[i])) for i in (0, -1)]
+        stamps = [from_tai(int(second[i]), float(track.rest[i])) for i in (0, -1)]
         name = re.sub(r"[^\w+-]+", "-", track.name)
         metadata = {
             "OBJECT_NAME": track.target,
@@ -151,12 +164,12 @@ def _oem(tracks: Sequence[_Track]) -> Iterator[tuple[str, str]]:
         }
         told = np.isfinite(track.covariance).all(axis=(-1, -2))
         spreads = tuple(
-            Covariance(int(track.second[i]), float(track.rest[i]), "", _KM**2 * track.covariance[i])
+            Covariance(int(second[i]), float(track.rest[i]), "", _KM**2 * track.covariance[i])
             for i in np.flatnonzero(told)
         )
-        states, nothing = _KM * track.state, np.full((track.second.size, 3), np.nan)
+        states, nothing = _KM * track.state, np.full((second.size, 3), np.nan)
         segment = EphemerisSegment(
-            metadata, track.second, track.rest, states, nothing, spreads, (f"estimated by {track.estimator}",)
+            metadata, second, track.rest, states, nothing, spreads, (f"estimated by {track.estimator}",)
         )
         header = {"CREATION_DATE": created, "ORIGINATOR": "QUIETFIX"}
         yield f"estimates_{name}.oem", oem_text(EphemerisMessage(header, (segment,)))

@@ -138,7 +138,7 @@ def test_fewer_receivers_leave_rows_empty(folder):
     ("line", "message"),
     [
         (GOOD.replace("48.0", "north"), "set_1.csv line 3: latitude: 'north' is not allowed; a finite number"),
-        (GOOD.replace("10000", "nan"), "line 3: baroAltitude: 'nan' is not allowed"),
+        (GOOD.replace("10000", "inf"), "line 3: baroAltitude: 'inf' is not allowed"),
         (GOOD.replace(",7,", ",7.5,"), "line 3: aircraft: '7.5' is not allowed; a whole number"),
         (GOOD.replace("[2,200,9]", "[77,200,9]"), "line 3: measurements: receiver 77 has no place in sensors.csv"),
         (GOOD.replace("[2,200,9]", "[99,200,9]"), "line 3: measurements: receiver 99 has no place"),

@@ -17,6 +17,8 @@ from quietfix.diagrams.readers.locards_data import LocardsSet, Track
 from quietfix.diagrams.recorded.settings.locards_scores import METHODS, Scores, score
 from quietfix.diagrams.recorded.settings.locards_settings import FALLBACK_M, Settings
 from quietfix.diagrams.recorded.settings.locards_sigma import LEAST_MESSAGES
+from quietfix.diagrams.writers.estimates import estimate_columns, write_estimates
+from quietfix.diagrams.writers.tracks import write_tracks
 from quietfix.systems.estimators.arrival_gate import KEPT, REFUSED
 
 __all__ = ["LocardsReport", "Piece", "report"]
@@ -73,7 +75,7 @@ def report(
         sigma = np.array([pieces[one].sigma for one in together])
         scores.setdefault(piece.set, []).append(score(piece.track, piece.size, estimates, excluded, sigma))
     found = [Scores.join(scores[i]) for i in scores]
-    return LocardsReport(settings, names, [sets[i] for i in scores], found)
+    return LocardsReport(settings, names, [sets[i] for i in scores], found, result)
 
 
 def _played(one: xr.Dataset, names: Sequence[str], messages: int) -> tuple[Array, Array]:
@@ -101,12 +103,15 @@ class LocardsReport:
         Those of which there are tracks in the result.
     scores : list of Scores
         One per set.
+    result : xarray.Dataset
+        What it is about, with covariances.
     """
 
     settings: Settings
     names: list[str]
     sets: list[LocardsSet]
     scores: list[Scores]
+    result: xr.Dataset
 
     @property
     def trials(self) -> int:
@@ -176,7 +181,7 @@ class LocardsReport:
                 f"{np.nanpercentile(ahead, 90):.0f} m, and {np.nanmedian(scores.along[0, :, 0]):+.0f} m in the median: "
                 "the positions that aircraft report are a fraction of a second old"
             )
-        lines += self._sigmas()
+        lines += [*self._sigmas(), *self._heights()]
         if not scores.known.all():
             fixed = np.isfinite(scores.fix[~scores.known]).all(axis=-1)
             lines.append(
@@ -189,6 +194,20 @@ class LocardsReport:
                 f"{100 * self.settings.fault_share:g} % of the messages"
             )
         return lines
+
+    def _heights(self) -> list[str]:
+        """Return lines on heights that nobody says."""
+        tracks = [track for data in self.sets for track in data.tracks]
+        silent = sum(int(np.isnan(track.altitude).sum()) for track in tracks)
+        lines = [f"{data.name}: {note}" for data in self.sets for note in data.notes]
+        if not silent:
+            return lines
+        assumed, sigma = self.settings.assumed_altitude_m, self.settings.sigma_assumed_altitude_m
+        return [
+            *lines,
+            f"{silent} of {sum(track.times.size for track in tracks)} messages report no altitude: {assumed:g} m is "
+            f"assumed, with a standard deviation of {sigma:g} m over their whole track",
+        ]
 
     @property
     def _first(self) -> str:
@@ -230,7 +249,7 @@ class LocardsReport:
         return told | {"estimator": self.names[0]}
 
     def draw(self, folder: Path) -> list[Path]:
-        """See `Report.draw`."""
+        """See `Report.draw`; the estimates are written beside the figures."""
         from quietfix.diagrams.figures.style import save
         from quietfix.diagrams.recorded.reports.locards_figures import draw_errors, draw_map, draw_track_errors
 
@@ -246,7 +265,12 @@ class LocardsReport:
             "along_across": draw_track_errors(scores.along[0, :, 0], scores.across[0, :, 0], self.labels[0]),
             "map": draw_map(stations, scores.place[known], error[0, :, 0], scores.fix[~known]),
         }
-        return [save(figure, folder / f"{name}.png") for name, figure in figures.items()]
+        drawn = [save(figure, folder / f"{name}.png") for name, figure in figures.items()]
+        return [
+            *drawn,
+            *write_estimates(estimate_columns(self.result), folder),
+            *write_tracks(self.result, None, folder),
+        ]
 
 
 def _metres(value: float | None) -> str:

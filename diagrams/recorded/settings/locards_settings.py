@@ -40,6 +40,10 @@ class Settings:
     sigma_altitude_m: float = number(
         "of the barometric altitude, taken for the height above the ellipsoid", 150.0, above=0
     )
+    assumed_altitude_m: float = number(
+        "of a message that reports none: aircraft are between the ground and 13 km", 6500.0
+    )
+    sigma_assumed_altitude_m: float = number("its standard deviation: of a uniform distribution", 3750.0, above=0)
     acceleration_density_m2ps3: float = number("white-noise acceleration of the aircraft", 1.0, above=0)
     sigma_velocity_mps: float = number("of the velocity per axis at the start", 200.0, above=0)
     false_alarm: float = number(

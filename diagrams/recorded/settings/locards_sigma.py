@@ -36,7 +36,13 @@ _STEPS = 20
 _SETTLED = 1e-3  # relative; the estimate itself is good to some percent
 
 
-def residual_sigma(recordings: Sequence[Recording], sigma: float, sigma_altitude: float, least: float) -> float | None:
+def residual_sigma(
+    recordings: Sequence[Recording],
+    sigma: float,
+    sigma_altitude: float,
+    least: float,
+    assumed: tuple[float, float] = (0.0, math.inf),
+) -> float | None:
     """Return the standard deviation of a time difference, as a length [m].
 
     Parameters
@@ -49,6 +55,8 @@ def residual_sigma(recordings: Sequence[Recording], sigma: float, sigma_altitude
         Of the altitude [m].
     least : float
         The estimate is not made smaller than this [m].
+    assumed : (float, float)
+        Altitude of messages that report none, and its standard deviation [m]; infinite: those have no such row.
 
     Returns
     -------
@@ -59,12 +67,18 @@ def residual_sigma(recordings: Sequence[Recording], sigma: float, sigma_altitude
     rows = np.concatenate([one.measurement.reshape(-1, one.measurement.shape[-1]) for one in recordings])
     carriers = np.concatenate([one.platforms for one in recordings])
     places = np.broadcast_to(carriers, (len(carriers), trials, *carriers.shape[2:])).reshape(len(rows), -1, 6)
+    silent = np.isnan(rows[:, -1]) if math.isfinite(assumed[1]) else np.zeros(len(rows), dtype=bool)
+    rows[silent, -1] = assumed[0]
     height = np.where(np.isfinite(rows[:, -1]), rows[:, -1], 0.0)
     starts = starts_around(places, height)
     for _ in range(_STEPS):
         tdoa = Tdoa(sigma / SPEED_OF_LIGHT, range(1, places.shape[1]), correlated=True)
         model = Stack([tdoa, Altitude(sigma_altitude)])
-        fix = snapshot_fix(rows, places, model, model.noise_covariance(), starts)
+        noise = model.noise_covariance()
+        if silent.any():
+            noise = np.repeat(noise[None], len(rows), axis=0)
+            noise[silent, -1, -1] = assumed[1] ** 2
+        fix = snapshot_fix(rows, places, model, noise, starts)
         told = np.isfinite(fix.cost) & (fix.dof >= 1)
         if np.count_nonzero(told) < LEAST_MESSAGES:
             return None

@@ -1,0 +1,1 @@
+"""What a recording of arrival times is made of as text: cells, names of columns, identifiers."""
