@@ -13,6 +13,7 @@ from quietfix.systems.angle_wrapping import wrap
 from quietfix.systems.constants import EARTH_RATE
 from quietfix.systems.geometry.body_frame import body_frame
 from quietfix.systems.geometry.lines_of_sight import LineOfSight
+from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import positive
 from quietfix.systems.measurement.sighted import SightedModel
 
@@ -117,6 +118,14 @@ class InterferometerPhase(SightedModel):
         """Return 2 pi n times the baseline directions in Earth-fixed axes, shape (..., m, 3)."""
         frame = body_frame(platforms, self.platform, self.earth_rate)
         return (2 * np.pi * self.cycles) * frame[..., self._rows, :]
+
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        parameters = [2 * np.pi * self.cycles, self.earth_rate, self.platform, *self._rows]
+        modulus = 2 * np.pi if self.wrapped else 0.0
+        return of_kernel(
+            "sight:interferometer_phase", parameters, self.size, modulus=modulus, states=3, platforms=[self.platform]
+        )
 
     def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
         """See `SightedModel.predict_from`; unambiguous even for a wrapped sensor, see `represent`."""

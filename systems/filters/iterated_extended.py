@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from quietfix.systems.filters.gaussian import GaussianFilter
 from quietfix.systems.filters.observation import Observation, linearised, take
 from quietfix.systems.filters.square_root import Gains, Posterior, report
+from quietfix.systems.kernels.equations import program
+from quietfix.systems.kernels.updating import extended
 from quietfix.systems.linear_algebra import cholesky
 from quietfix.systems.measurement.base import MeasurementModel
 
@@ -52,6 +54,20 @@ class IteratedExtendedKalman(GaussianFilter):
 
     def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:
         """See `GaussianFilter.update`."""
+        compiled = program(model)
+        if compiled is not None:
+            return Posterior(
+                *extended(
+                    mean,
+                    covariance,
+                    observation.value,
+                    observation.platforms,
+                    observation.noise_covariance,
+                    compiled,
+                    self.max_iterations,
+                    self.tolerance,
+                )
+            )
         root = cholesky(covariance)
         innovation, jacobian, weight, missing = linearised(observation, model, mean)
         gains = Gains(root, weight @ (jacobian @ root))

@@ -8,6 +8,8 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.kernels.equations import Equations
+
 __all__ = ["MeasurementModel", "differenced_covariance", "positive"]
 
 Array = NDArray[np.float64]
@@ -52,6 +54,13 @@ class MeasurementModel(ABC):
     def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
         """Return `predict` and `jacobian`; a model whose two share work overrides this."""
         return self.predict(target, platforms), self.jacobian(target, platforms)
+
+    def equations(self) -> Equations | None:
+        """Return the model's compiled equations, where it has them: estimators then work at the speed of C.
+
+        They must be those of `predict`, `jacobian` and `residual`; the state's further components may be ignored.
+        """
+        return None
 
     def modified_gain(self, measured: Array, target: Array, platforms: Array) -> Array:
         r"""Return the modified gain g, shape (..., m, n).

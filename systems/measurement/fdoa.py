@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from quietfix.systems.constants import EARTH_RATE, SPEED_OF_LIGHT
 from quietfix.systems.geometry.light_time import Arrival
 from quietfix.systems.geometry.lines_of_sight import LineOfSight
+from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import positive
 from quietfix.systems.measurement.differenced import Differenced
 from quietfix.systems.trajectories.gravity import GravityConstants
@@ -57,6 +58,14 @@ class Fdoa(Differenced):
         super().__init__("fdoa", "Hz", sigma, receivers, reference, correlated, light_time, earth_rate, constants)
         self.carrier = positive(carrier, "carrier", "Hz")
         self._doppler = self.carrier * (-1.0 if paper_sign else 1.0)
+
+    def equations(self) -> Equations | None:
+        """See `MeasurementModel.equations`."""
+        if self.light_time:
+            return None
+        seen = [self.reference, *self.receivers]
+        scale = -self._doppler / SPEED_OF_LIGHT
+        return of_kernel("sight:fdoa", [scale, *seen], self.size, states=6, platforms=seen)
 
     def values_from(self, sight: LineOfSight) -> Array:
         """Return the Doppler shifts [Hz]."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from quietfix.systems.geometry.lines_of_sight import LineOfSight, line_of_sight
+from quietfix.systems.kernels.equations import Equations, equations_of, joined
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.measurement.sighted import SightedModel
 
@@ -90,6 +91,10 @@ class Stack(MeasurementModel):
             for model in self.models
         ]
         return self._join([value for value, _ in parts], 1), self._join([row for _, row in parts], 2)
+
+    def equations(self) -> Equations | None:
+        """See `MeasurementModel.equations`; None where one of the models has none."""
+        return joined([equations_of(model) for model in self.models])
 
     def modified_gain(self, measured: Array, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.modified_gain`."""

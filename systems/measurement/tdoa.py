@@ -11,6 +11,7 @@ from quietfix.systems.constants import EARTH_RATE, SPEED_OF_LIGHT
 from quietfix.systems.geometry.light_time import Arrival
 from quietfix.systems.geometry.lines_of_sight import LineOfSight
 from quietfix.systems.geometry.wave_path import WavePath
+from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import positive
 from quietfix.systems.measurement.differenced import Differenced
 from quietfix.systems.trajectories.gravity import GravityConstants
@@ -49,6 +50,13 @@ class Tdoa(Differenced):
     ) -> None:
         sigma = positive(sigma, "sigma_tdoa", "s")
         super().__init__("tdoa", "s", sigma, receivers, reference, correlated, light_time, earth_rate, constants)
+
+    def equations(self) -> Equations | None:
+        """See `MeasurementModel.equations`."""
+        if self.light_time:
+            return None
+        seen = [self.reference, *self.receivers]
+        return of_kernel("sight:tdoa", seen, self.size, states=3, platforms=seen)
 
     def values_from(self, sight: LineOfSight) -> Array:
         """Return the travel times [s]."""

@@ -1,0 +1,102 @@
+"""The one signature of a kernel, and calls of one by its address."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+from numba import types
+from numba.extending import intrinsic
+
+from quietfix.systems.kernels.compiling import compiled, load
+
+__all__ = ["ARGUMENTS", "SIGNATURE", "address_of", "call_kernel", "kernel"]
+
+ARGUMENTS = ("state", "platforms", "parameters", "value", "jacobian")
+SIGNATURE = types.void(
+    types.Array(types.float64, 1, "A"),
+    types.Array(types.float64, 2, "A"),
+    types.Array(types.float64, 1, "A"),
+    types.Array(types.float64, 1, "A"),
+    types.Array(types.float64, 2, "A"),
+)
+_kept: dict[Any, Any] = {}  # what an address was given of must stay
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Decorate the equations of a model for one state: ``f(state, platforms, parameters, value, jacobian)``.
+
+    It is compiled by numba when it is first needed, and writes its rows into `value` (m,) and their derivatives into
+    `jacobian` (m, n), which comes filled with zeros, or without a row where only the value is asked for. `state` is
+    (n,), `platforms` (p, 6), `parameters` what the model says.
+
+    Raises
+    ------
+    TypeError
+        If it is not a function of five arguments.
+    """
+    _check_arguments(function)
+    return compiled(SIGNATURE.args, from_python=False, careful=not _packaged(function))(function)
+
+
+def _packaged(function: Callable[..., Any]) -> bool:
+    """Return whether a kernel is ours; a user's may allocate, and is checked for indices beyond the end of an array."""
+    return function.__module__.startswith("quietfix.systems.kernels.")
+
+
+def _check_arguments(function: Callable[..., Any]) -> None:
+    name = getattr(function, "__name__", repr(function))
+    if not inspect.isfunction(function):
+        raise TypeError(f"kernel: {name} is not allowed; a plain function of {', '.join(ARGUMENTS)}")
+    given = list(inspect.signature(function).parameters.values())
+    if len(given) != len(ARGUMENTS) or any(p.kind is not p.POSITIONAL_OR_KEYWORD for p in given):
+        got = ", ".join(map(str, given))
+        raise TypeError(f"kernel: {name}({got}) is not allowed; its arguments must be {', '.join(ARGUMENTS)}")
+
+
+def address_of(function: Any) -> int:
+    """Return the address of a kernel's machine code in this process; never store it: it is another in the next.
+
+    Raises
+    ------
+    TypeError
+        If it is not a `kernel`, cannot be compiled, or returns something: called by address, it would bring down the
+        process.
+    """
+    plain = getattr(function, "py_func", function)
+    _check_arguments(plain)
+    if plain not in _kept:
+        _kept[plain] = function if getattr(function, "declared", None) == SIGNATURE.args else kernel(plain)
+    dispatcher, name = _kept[plain], plain.__name__
+    try:
+        load(dispatcher)
+    except Exception as error:  # numba has many of them
+        first = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
+        raise TypeError(f"kernel: {name} cannot be compiled: {first}") from error
+    result = dispatcher.overloads[SIGNATURE.args]
+    if result.signature.return_type != types.none:
+        raise TypeError(f"kernel: {name} returns {result.signature.return_type}; it must return nothing")
+    return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
+
+
+def _call(typing: Any, address: Any, state: Any, platforms: Any, parameters: Any, value: Any, jacobian: Any) -> Any:
+    """Call the kernel at `address`; return whether it raised."""
+    given = (state, platforms, parameters, value, jacobian)
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        convention = context.call_conv
+        function = convention.get_function_type(types.none, SIGNATURE.args)
+        pointer = builder.inttoptr(args[0], function.as_pointer())
+        cast = [
+            context.cast(builder, arg, own, declared)
+            for arg, own, declared in zip(args[1:], given, SIGNATURE.args, strict=True)
+        ]
+        status, _ = convention.call_function(builder, pointer, types.none, SIGNATURE.args, cast)
+        return status.is_error
+
+    return types.boolean(types.int64, *given), generate
+
+
+call_kernel: Any = intrinsic(_call)
+"""Calls the kernel at an address, from compiled code; returns whether it raised."""

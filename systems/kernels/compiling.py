@@ -1,0 +1,144 @@
+"""How the functions of this room are compiled, and where their machine code is kept for the next run."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import tempfile
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, cast
+
+import numba
+from numba.core import caching, config
+
+from quietfix.systems.kernels.progress import say_compiling, say_uncached
+
+__all__ = ["compiled", "inlined", "load"]
+
+_ROOM = Path(__file__).parent
+
+_ALWAYS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
+_INNER: dict[str, Any] = {**_ALWAYS, "no_cpython_wrapper": True}
+
+_njit = cast(Any, numba.njit)  # its type does not list all of its options
+
+inlined = _njit(**_INNER, _nrt=False)
+"""Decorator of a function that is only called from compiled ones and becomes part of them; it allocates nothing."""
+
+
+def compiled(signature: Any, from_python: bool = True, careful: bool = False) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator: the function is compiled for that signature alone, by `load`, and kept on disk.
+
+    One that is not `from_python` is called by its address; a `careful` one may allocate, and raises where an index is
+    beyond the end of an array.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        options = _ALWAYS if from_python else _INNER
+        dispatcher = _njit(**options, _nrt=careful, boundscheck=careful)(function)
+        dispatcher.declared = signature
+        return dispatcher
+
+    return decorate
+
+
+def load(dispatcher: Any) -> Any:
+    """Compile a `compiled` function, or take its machine code from the cache; return it, ready to be called."""
+    if not dispatcher.overloads:
+        dispatcher._cache = _cache_of(dispatcher.py_func)
+        dispatcher.compile(dispatcher.declared)
+        dispatcher.disable_compile()
+    return dispatcher
+
+
+@lru_cache
+def _sources(folder: Path) -> str:
+    """Return a digest of all sources of a room: a function is stale when one that it is inlined from has changed."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+class _Locator(caching._CacheLocator):
+    """The first folder that can be written: NUMBA_CACHE_DIR, ``__pycache__`` beside the source, the user's cache."""
+
+    def __init__(self, function: Callable[..., Any], file: str, folder: Path) -> None:
+        self._py_file, self._folder = file, folder
+        self._line = function.__code__.co_firstlineno
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        return _sources(_ROOM) + hashlib.sha256(Path(self._py_file).read_bytes()).hexdigest()
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], file: str) -> _Locator | None:
+        if not os.path.exists(file):  # typed in somewhere
+            return None
+        for folder in _folders(Path(file).absolute()):
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                tempfile.TemporaryFile(dir=folder).close()
+            except OSError:
+                continue
+            return cls(function, file, folder)
+        say_uncached("no folder for it can be written; NUMBA_CACHE_DIR may name one")
+        return None
+
+
+def _folders(file: Path) -> list[Path]:
+    own = f"{file.parent.name}_{hashlib.sha256(str(file.parent).encode()).hexdigest()[:16]}"
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+    folder: str = getattr(config, "CACHE_DIR", "")
+    chosen = [Path(folder) / own] if folder else []
+    return [*chosen, file.parent / "__pycache__", home / "quietfix" / own]
+
+
+class _Implementation(caching.CompileResultCacheImpl):
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._locator_classes = cast(Any, [_Locator])
+        super().__init__(function)
+
+
+class _Cache(caching.FunctionCache):
+    """A cache that can fail: a damaged file is compiled anew, a full disk leaves the code in memory."""
+
+    _impl_class = _Implementation
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        try:
+            found = super().load_overload(signature, context)
+        except (OSError, EOFError, pickle.UnpicklingError, ValueError, AttributeError, ImportError, RuntimeError):
+            found = None
+        if found is None:
+            say_compiling(self._py_func.__name__)
+        return found
+
+    def save_overload(self, signature: Any, data: Any) -> None:
+        try:
+            super().save_overload(signature, data)
+        except OSError as error:
+            say_uncached(str(error))
+
+
+class _Memory(caching.NullCache):
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._name = function.__name__
+
+    def load_overload(self, signature: Any, context: Any) -> None:
+        say_compiling(self._name)
+
+
+def _cache_of(function: Callable[..., Any]) -> Any:
+    try:
+        return _Cache(function)
+    except RuntimeError:  # no locator
+        return _Memory(function)

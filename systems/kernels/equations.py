@@ -1,0 +1,171 @@
+"""A model's compiled equations: which kernels, with which parameters, make which of its rows."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quietfix.systems.kernels.loading import address
+
+__all__ = ["Equations", "Program", "equations_of", "joined", "of_kernel", "program"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Kernel = str | Callable[..., Any]
+
+_OTHER_THAN_EQUATIONS = {
+    "noise_covariance",
+    "noise_covariance_at",
+    "modified_gain",
+    "platforms_used",
+    "represent",
+    "only",
+}
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Rows that kernels make.
+
+    Attributes
+    ----------
+    kernels : tuple
+        One after the other: ``module:function`` of this room, or a function that a user has decorated with
+        `quietfix.systems.kernels.calling.kernel`.
+    sizes : tuple of int
+        Rows of each.
+    parameters : tuple of tuple of float
+        What each is given.
+    chosen : tuple of int
+        Which of all these rows are the model's.
+    moduli : tuple of float
+        Of the model's rows: residuals are wrapped into [-modulus/2, modulus/2); 0 where they are not.
+    states, platforms : int
+        How many of each the kernels read, at least: compiled code does not look where an array ends.
+    """
+
+    kernels: tuple[Kernel, ...]
+    sizes: tuple[int, ...]
+    parameters: tuple[tuple[float, ...], ...]
+    chosen: tuple[int, ...]
+    moduli: tuple[float, ...]
+    states: int
+    platforms: int
+
+    def rows(self, which: Sequence[int]) -> Equations:
+        """Return the equations of some of the model's rows."""
+        chosen, moduli = tuple(self.chosen[i] for i in which), tuple(self.moduli[i] for i in which)
+        return replace(self, chosen=chosen, moduli=moduli)
+
+
+def of_kernel(
+    kernel: Kernel,
+    parameters: Sequence[float],
+    rows: int,
+    *,
+    modulus: float = 0.0,
+    states: int = 0,
+    platforms: Sequence[int] = (),
+) -> Equations:
+    """Return the equations of one kernel's rows, which reads so many states, and the platforms of those numbers."""
+    needed = max(platforms, default=-1) + 1
+    if min(platforms, default=0) < 0:
+        raise ValueError(f"platforms: {min(platforms)} is not allowed; numbers >= 0")
+    moduli = (float(modulus),) * rows
+    return Equations((kernel,), (rows,), (tuple(map(float, parameters)),), tuple(range(rows)), moduli, states, needed)
+
+
+def joined(parts: Sequence[Equations | None]) -> Equations | None:
+    """Return the rows of several models, one after the other; None where one of them has no kernel."""
+    known = [part for part in parts if part is not None]
+    if len(known) < len(parts):
+        return None
+    chosen: list[int] = []
+    begin = 0
+    for part in known:
+        chosen += [begin + row for row in part.chosen]
+        begin += sum(part.sizes)
+    return Equations(
+        tuple(kernel for part in known for kernel in part.kernels),
+        tuple(size for part in known for size in part.sizes),
+        tuple(given for part in known for given in part.parameters),
+        tuple(chosen),
+        tuple(modulus for part in known for modulus in part.moduli),
+        max(part.states for part in known),
+        max(part.platforms for part in known),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """`Equations` as compiled code reads them, for this process alone: they hold addresses.
+
+    Attributes
+    ----------
+    parts : ndarray of int64, shape (k, 5)
+        Address, first row and row behind the last, first parameter and parameter behind the last.
+    chosen : ndarray of int64, shape (m,)
+    parameters, moduli : ndarray
+    rows : int
+        Of all kernels together.
+    straight : bool
+        Whether `chosen` is all of them in their order.
+    equations : Equations
+        What it was made of.
+    """
+
+    parts: Integers
+    chosen: Integers
+    parameters: Array
+    moduli: Array
+    rows: int
+    straight: bool
+    equations: Equations
+
+
+_programs: dict[int, tuple[weakref.ref[Any], Program | None]] = {}
+
+
+def program(model: Any) -> Program | None:
+    """Return the program of a model's equations, made when it is first asked for; None where it has none."""
+    key = id(model)
+    known = _programs.get(key)
+    if known is not None and known[0]() is model:
+        return known[1]
+    equations = equations_of(model)
+    made = None if equations is None else _made(equations)
+    _programs[key] = weakref.ref(model, lambda _: _programs.pop(key, None)), made
+    return made
+
+
+def equations_of(model: Any) -> Equations | None:
+    """Return a model's ``equations()``, or None where it has none.
+
+    A class that overrides a method by which the class whose equations it inherits says what it measures has none: what
+    it says itself holds.
+    """
+    order = type(model).__mro__
+    place = next(i for i, base in enumerate(order) if "equations" in vars(base))
+    inherited = set(dir(order[place])) - _OTHER_THAN_EQUATIONS
+    changed = {name for base in order[:place] for name in vars(base) if name in inherited and not name.startswith("__")}
+    return None if changed else model.equations()
+
+
+def _made(equations: Equations) -> Program:
+    ends, stops = np.cumsum(equations.sizes), np.cumsum([len(given) for given in equations.parameters])
+    each = zip(equations.kernels, equations.sizes, equations.parameters, ends, stops, strict=True)
+    parts = [(address(kernel), end - size, end, stop - len(given), stop) for kernel, size, given, end, stop in each]
+    return Program(
+        np.array(parts, dtype=np.int64).reshape(-1, 5),
+        np.array(equations.chosen, dtype=np.int64),
+        np.array([number for given in equations.parameters for number in given], dtype=float),
+        np.array(equations.moduli, dtype=float),
+        sum(equations.sizes),
+        equations.chosen == tuple(range(sum(equations.sizes))),
+        equations,
+    )

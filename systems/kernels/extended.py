@@ -1,0 +1,167 @@
+"""The extended and the iterated extended Kalman update of many trials, one after the other."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from quietfix.systems.kernels.compiling import compiled, inlined
+from quietfix.systems.kernels.gains import correct, posterior_covariance, whiten_rows
+from quietfix.systems.kernels.matrices import cholesky, copy
+from quietfix.systems.kernels.rows import OK, evaluate, mark_missing, residual, whitening
+
+__all__ = ["RAISED", "update"]
+
+RAISED = 3
+"""Beside what `whitening` returns: a kernel raised."""
+
+_SIGNATURE = (
+    "int64(float64[:,::1],float64[:,:,::1],float64[:,::1],float64[:,:,::1],float64[:,:,::1],"
+    "int64[:,::1],int64[::1],float64[::1],float64[::1],int64,float64,float64[::1],"
+    "float64[:,::1],float64[:,:,::1],float64[:,::1],float64[::1],float64[::1])"
+)
+
+
+@compiled(_SIGNATURE)
+def update(
+    mean: Any,
+    covariance: Any,
+    measurement: Any,
+    platforms: Any,
+    noise: Any,
+    parts: Any,
+    chosen: Any,
+    parameters: Any,
+    moduli: Any,
+    iterations: int,
+    tolerance: float,
+    space: Any,
+    out_mean: Any,
+    out_covariance: Any,
+    innovation: Any,
+    nis: Any,
+    used: Any,
+) -> int:
+    """Update every trial; return 0, or what went wrong in which trial and part: (trial 256 + part) 16 + reason.
+
+    Arguments as of `quietfix.systems.filters.gaussian.GaussianFilter.update`: `platforms` and `noise` hold one for all
+    trials or one for each; `space` is room to work in, `quietfix.systems.kernels.updating.workspace` numbers. A trial
+    whose prior is not finite becomes NaN.
+    """
+    trials, n = mean.shape
+    m, full = chosen.shape[0], parts[parts.shape[0] - 1, 2]
+    five, three, value, jacobian, squares, tables, weights = _rooms(space, n, m, full)
+    x, there, moved, y, spare = five[0], five[1], five[2], five[3], five[4]
+    difference, whitened, missing = three[0], three[1], three[2]
+    root, gram, next_gram, rows, weight = squares[0], squares[1], squares[2], tables[0], weights[0]
+    whole = False  # whether `weight` is that of noise that all trials share, without a missing row
+    for t in range(trials):
+        if not cholesky(mean, covariance, t, squares[3:], root):
+            _nothing(t, out_mean, out_covariance, innovation, nis, used)
+            continue
+        seen = platforms[t if platforms.shape[0] > 1 else 0]
+        copy(mean[t], x, there)
+        wide, step = 0, math.inf
+        for iteration in range(iterations):
+            if not step > tolerance * tolerance:
+                break
+            failed = evaluate(parts, parameters, there, seen, value, jacobian)
+            if failed >= 0:
+                return (t * 256 + failed) * 16 + RAISED
+            residual(t, measurement, value, chosen, moduli, difference)
+            if iteration == 0:
+                used[t] = count = mark_missing(difference, jacobian, chosen, missing)
+                if not (whole and count == m):
+                    went = whitening(t if noise.shape[0] > 1 else 0, noise, missing, weights[1], weight)
+                    if went != OK:
+                        return t * 4096 + went
+                    whole = count == m and noise.shape[0] == 1
+                _tell(t, difference, missing, innovation)
+            _pull(difference, jacobian, chosen, missing, there, x)
+            whiten_rows(weight, difference, jacobian, chosen, missing, root, tables[1], whitened, rows)
+            next_wide = correct(rows, whitened, next_gram, y, spare)
+            if iteration == 0:
+                nis[t] = _least(rows, whitened, y) if count > 0 else math.nan
+            step = _step(x, root, y, there, moved)
+            if iteration > 0 and not math.isfinite(step):
+                break  # an iterate outside of where the model is defined: such a trial stays at the one before
+            there, moved, gram, next_gram, wide = moved, there, next_gram, gram, next_wide
+        copy(there, out_mean[t], moved)
+        posterior_covariance(t, root, gram, wide, next_gram, out_covariance)
+    return 0
+
+
+@inlined
+def _rooms(space: Any, n: int, m: int, full: int) -> Any:
+    """Return five vectors (n,), three (m,), value and Jacobian, six (n, n), two (m, n) and two (m, m)."""
+    a = 5 * n
+    b = a + 3 * m
+    c = b + full
+    d = c + full * n
+    e = d + 6 * n * n
+    f = e + 2 * m * n
+    return (
+        space[:a].reshape(5, n),
+        space[a:b].reshape(3, m),
+        space[b:c],
+        space[c:d].reshape(full, n),
+        space[d:e].reshape(6, n, n),
+        space[e:f].reshape(2, m, n),
+        space[f : f + 2 * m * m].reshape(2, m, m),
+    )
+
+
+@inlined
+def _tell(t: int, difference: Any, missing: Any, innovation: Any) -> None:
+    for i in range(difference.shape[0]):
+        innovation[t, i] = math.nan if missing[i] > 0.0 else difference[i]
+
+
+@inlined
+def _nothing(t: int, mean: Any, covariance: Any, innovation: Any, nis: Any, used: Any) -> None:
+    nis[t], used[t] = math.nan, 0.0
+    for i in range(mean.shape[1]):
+        mean[t, i] = math.nan
+        for j in range(mean.shape[1]):
+            covariance[t, i, j] = math.nan
+    for i in range(innovation.shape[1]):
+        innovation[t, i] = math.nan
+
+
+@inlined
+def _pull(difference: Any, jacobian: Any, chosen: Any, missing: Any, here: Any, x: Any) -> None:
+    """Add H (here - x) to the residual: what it would be, were the prior's mean linearised here; 0 in missing rows."""
+    for i in range(difference.shape[0]):
+        total = 0.0
+        for k in range(x.shape[0]):
+            total += jacobian[chosen[i], k] * (here[k] - x[k])
+        difference[i] = 0.0 if missing[i] > 0.0 else difference[i] + total
+
+
+@inlined
+def _least(rows: Any, whitened: Any, y: Any) -> float:
+    """Return |r - Y y|^2 + |y|^2: the normalised innovation squared."""
+    total, more = 0.0, 0.0
+    for i in range(rows.shape[0]):
+        left = whitened[i]
+        predicted = 0.0
+        for j in range(rows.shape[1]):
+            predicted += rows[i, j] * y[j]
+        left -= predicted
+        total += left * left
+    for j in range(rows.shape[1]):
+        more += y[j] * y[j]
+    return total + more
+
+
+@inlined
+def _step(mean: Any, root: Any, y: Any, here: Any, out: Any) -> float:
+    """Write mean + L y; return the squared distance from `here`."""
+    square = 0.0
+    for i in range(mean.shape[0]):
+        total = 0.0
+        for k in range(i + 1):
+            total += root[i, k] * y[k]
+        out[i] = mean[i] + total
+        square += (out[i] - here[i]) * (out[i] - here[i])
+    return square

@@ -1,0 +1,98 @@
+"""The update of one trial that every Gaussian filter shares; the algebra of `quietfix.systems.filters.square_root`."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from quietfix.systems.kernels.compiling import inlined
+from quietfix.systems.kernels.matrices import absorb, factor, solve_lower, solve_upper_of_lower
+
+__all__ = ["correct", "posterior_covariance", "whiten_rows"]
+
+_WIDE = 1e8  # as in quietfix.systems.filters.square_root
+_EPSILON = 2.220446049250313e-16
+
+
+@inlined
+def whiten_rows(
+    weight: Any, residual: Any, jacobian: Any, chosen: Any, missing: Any, root: Any, work: Any, out: Any, rows: Any
+) -> None:
+    """Write W r (m,) and Y = W H L (m, n) for the rows that are there; W and L are lower triangular."""
+    m, n = rows.shape
+    for i in range(m):
+        for j in range(n):
+            total = 0.0
+            if missing[i] == 0.0:
+                for k in range(j, n):
+                    total += jacobian[chosen[i], k] * root[k, j]
+            work[i, j] = total
+    for i in range(m):
+        for j in range(n):
+            total = 0.0
+            for k in range(i + 1):
+                total += weight[i, k] * work[k, j]
+            rows[i, j] = total
+        total = 0.0
+        for k in range(i + 1):
+            total += weight[i, k] * residual[k]
+        out[i] = total
+
+
+@inlined
+def correct(rows: Any, whitened: Any, gram: Any, y: Any, spare: Any) -> int:
+    r"""Write the y that minimises :math:`|r - Y y|^2 + |y|^2`, and the factor of M; return whether that is wide.
+
+    Where M is wide, :math:`[Y; I]` is triangulated as it stands, without forming M.
+    """
+    m, n = rows.shape
+    wide = 0
+    for i in range(n):
+        y[i] = 0.0
+        for k in range(m):
+            y[i] += rows[k, i] * whitened[k]
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(m):
+                total += rows[k, i] * rows[k, j]
+            gram[i, j] = total + 1.0 if i == j else total
+            if gram[i, j] > _WIDE:
+                wide = 1
+    if wide > 0:
+        for i in range(n):
+            y[i] = 0.0
+            for j in range(n):
+                gram[i, j] = 1.0 if i == j else 0.0
+        for k in range(m):
+            for j in range(n):
+                spare[j] = rows[k, j]
+            absorb(gram, n, spare, whitened[k], y)
+    else:
+        if not factor(gram, n):  # only where something is not finite
+            for j in range(n):
+                y[j] = math.nan
+            return 0
+        solve_lower(gram, n, y)
+    solve_upper_of_lower(gram, n, y)
+    return wide
+
+
+@inlined
+def posterior_covariance(t: int, root: Any, gram: Any, wide: int, half: Any, covariance: Any) -> None:
+    r"""Write :math:`A A^T`, :math:`A = L F^{-T}`, for the factor F in `gram`, as that of trial t."""
+    n = root.shape[0]
+    for i in range(n):
+        for j in range(n):
+            total = root[i, j]
+            for k in range(j):
+                total -= gram[j, k] * half[i, k]
+            half[i, j] = total / gram[j, j]
+    for i in range(n):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(n):
+                total += half[i, k] * half[j, k]
+            if wide > 0 and i == j:
+                total += n * n * _EPSILON * total
+            covariance[t, i, j] = total
+            covariance[t, j, i] = total

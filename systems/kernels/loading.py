@@ -1,0 +1,31 @@
+"""Compiled functions by their names, loaded when they are first used."""
+
+from __future__ import annotations
+
+import importlib
+from functools import cache
+from typing import Any
+
+__all__ = ["address", "ready"]
+
+
+@cache
+def ready(name: str) -> Any:
+    """Return the compiled function ``module:function`` of this room, compiled or taken from the cache.
+
+    numba is imported here and nowhere earlier: ``quietfix --help`` must not wait for it.
+    """
+    module, _, function = name.partition(":")
+    compiling = importlib.import_module("quietfix.systems.kernels.compiling")
+    return compiling.load(getattr(importlib.import_module(f"quietfix.systems.kernels.{module}"), function))
+
+
+@cache
+def address(kernel: Any) -> int:
+    """Return the address of a kernel, ``module:function`` of this room or a user's function."""
+    calling = importlib.import_module("quietfix.systems.kernels.calling")
+    if isinstance(kernel, str):
+        module, _, name = kernel.partition(":")
+        kernel = getattr(importlib.import_module(f"quietfix.systems.kernels.{module}"), name)
+    found: int = calling.address_of(kernel)
+    return found

@@ -1,0 +1,32 @@
+"""Who is told that something is being compiled: nobody but the log, unless a program asks."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+__all__ = ["on_compiling", "say_compiling", "say_uncached"]
+
+_log = logging.getLogger("quietfix")
+_listeners: list[Callable[[str], None]] = []
+_said: set[str] = set()
+
+
+def on_compiling(listener: Callable[[str], None]) -> None:
+    """Have `listener` called with the name of every function that is about to be compiled, not taken from the cache."""
+    if listener not in _listeners:
+        _listeners.append(listener)
+
+
+def say_compiling(name: str) -> None:
+    """Say that the function `name` is compiled now."""
+    _log.info("compiling %s", name)
+    for listener in _listeners:
+        listener(name)
+
+
+def say_uncached(reason: str) -> None:
+    """Warn once that machine code is not kept for the next run."""
+    if "uncached" not in _said:
+        _said.add("uncached")
+        _log.warning("compiled code is kept in memory only and made again in every run: %s", reason)

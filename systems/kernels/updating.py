@@ -1,0 +1,117 @@
+"""Updates by compiled code, called from Python: arrays in, arrays out, and what can go wrong in words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quietfix.systems.kernels.equations import Program
+from quietfix.systems.kernels.loading import ready
+
+__all__ = ["extended", "fit", "plain", "raised"]
+
+Array = NDArray[np.float64]
+
+_REASONS = {
+    1: "the noise covariance must be finite in every row that is measured",
+    2: "the noise covariance must be positive definite: rows are fully correlated",
+}
+
+
+def plain(array: Array) -> Array:
+    """Return an array as compiled code takes it: float64, in C order, writable; itself where it is so already."""
+    flags = array.flags
+    if flags.carray and array.dtype.char == "d":
+        return array
+    return np.array(array, dtype=np.float64, order="C")
+
+
+def fit(program: Program, n: int, platforms: Array) -> None:
+    """Raise where a kernel would read what is not there.
+
+    Raises
+    ------
+    ValueError
+        For a state or platforms (..., p, 6) that are too few.
+    """
+    needed = program.equations
+    if n < needed.states or platforms.shape[-2] < needed.platforms or (needed.platforms and platforms.shape[-1] < 6):
+        raise ValueError(
+            f"measurement model: {n} states and platforms of shape {platforms.shape} are not allowed; "
+            f"{needed.states} states and ({needed.platforms}, 6) at least"
+        )
+
+
+def extended(
+    mean: Array,
+    covariance: Array,
+    measurement: Array,
+    platforms: Array,
+    noise: Array,
+    program: Program,
+    iterations: int,
+    tolerance: float,
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return mean, covariance, innovation, NIS and rows used of the (iterated) extended Kalman update.
+
+    Arguments as of `quietfix.systems.filters.gaussian.GaussianFilter.update`; `noise` is R (m, m) or (trials, m, m).
+
+    Raises
+    ------
+    ValueError
+        Where R is not positive definite, platforms are too few, or a user's kernel raised.
+    """
+    trials, n = mean.shape
+    m = measurement.shape[-1]
+    fit(program, n, platforms)
+    if noise.ndim == 2:
+        noise = noise[None]
+    states, spread, seen = plain(mean), plain(covariance), plain(platforms)
+    out = np.empty((trials, n)), np.empty((trials, n, n)), np.empty((trials, m)), np.empty(trials), np.empty(trials)
+    code = ready("extended:update")(
+        states,
+        spread,
+        plain(measurement),
+        seen,
+        plain(noise),
+        program.parts,
+        program.chosen,
+        program.parameters,
+        program.moduli,
+        iterations,
+        tolerance,
+        np.empty(workspace(n, m, program.rows)),
+        *out,
+    )
+    if code:
+        _fail(code, program, states, seen)
+    return out
+
+
+def workspace(n: int, m: int, rows: int) -> int:
+    """Return how many numbers `quietfix.systems.kernels.extended.update` works in, for n states and m rows."""
+    return 5 * n + 3 * m + rows * (n + 1) + 6 * n * n + 2 * m * n + 2 * m * m
+
+
+def _fail(code: int, program: Program, states: Array, platforms: Array) -> None:
+    trial, part, reason = code >> 12, (code >> 4) & 255, code & 15
+    if reason in _REASONS:
+        raise ValueError(_REASONS[reason])
+    raised(program, part, states[trial], platforms[trial if platforms.shape[0] > 1 else 0])
+
+
+def raised(program: Program, part: int, state: Array, platforms: Array) -> None:
+    """Say what a kernel raised: by calling its Python function where compiled code had to give up."""
+    kernel: Any = program.equations.kernels[part]
+    begin, end = program.parts[part, 3:5]
+    rows = program.equations.sizes[part]
+    name, reason = getattr(kernel, "__name__", str(kernel)), "it raised an exception"
+    try:
+        getattr(kernel, "py_func", kernel)(
+            state.copy(), platforms.copy(), program.parameters[begin:end], np.zeros(rows), np.zeros((rows, state.size))
+        )
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+    raise ValueError(f"kernel {name}: for a target at {state.tolist()}: {reason}")
