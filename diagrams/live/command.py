@@ -22,7 +22,6 @@ from quietfix.diagrams.own.fields.schema import OwnScenario
 from quietfix.diagrams.schema.errors import UserError, in_users_words
 from quietfix.diagrams.schema.origins import origins_of
 from quietfix.diagrams.studies.recordings import with_platforms
-from quietfix.systems.earth.time_scales import posix_to_tai
 
 __all__ = ["Asked", "live_command"]
 
@@ -96,8 +95,7 @@ def live_command(
     saved = None if asked.state is None else read_state(asked.state, digest)
     assert found.system.file is not None
     folder = found.system.file.resolve().parent
-    began = setting_of(resolved, folder, None).began()
-    zero = None if began is None else (posix_to_tai(began[0]), began[1])
+    zero = setting_of(resolved, folder, None).began()
     with found.blaming(resolved.estimators):
         with origins_of(resolved).placing(), in_users_words():
             told: list[str] = []

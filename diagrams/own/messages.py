@@ -13,7 +13,6 @@ from quietfix.diagrams.readers.measurements import read_measurements
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.writers.tdm import tdm_text
 from quietfix.diagrams.writers.tdm_table import message_of_table
-from quietfix.systems.earth.time_scales import posix_to_tai
 
 __all__ = ["write_message"]
 
@@ -33,14 +32,13 @@ def write_message(measurements: Path, scenario: OwnScenario, path: Path) -> list
     UserError
         If the scenario has no date, or the message could say nothing.
     """
-    began = Setting(scenario.duration_s, scenario.start_utc, measurements.parent).began()
-    if began is None:
+    zero = Setting(scenario.duration_s, scenario.start_utc, measurements.parent).began()
+    if zero is None:
         raise UserError("start_utc: null is not allowed for a Tracking Data Message; such as 2026-03-01T12:00:00Z")
     sensors = placed_sensors(scenario, places_of(scenario))
     rows = [row for one in sensors for kind in one.kinds for row in kind.rows]
     carriers = {row.receiver: row.carrier for row in rows if row.carrier}
     header = {"CREATION_DATE": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S"), "ORIGINATOR": "QUIETFIX"}
-    zero = posix_to_tai(began[0]), began[1]
     message, notes = message_of_table(read_measurements(measurements), zero, header, carriers)
     path.write_text(tdm_text(message), encoding="utf-8", newline="\n")
     return notes

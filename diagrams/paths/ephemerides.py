@@ -17,7 +17,7 @@ from quietfix.diagrams.readers.ccsds.oem import EphemerisMessage, EphemerisSegme
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.earth.celestial import equinox_to_earth_fixed, j2000_to_earth_fixed
 from quietfix.systems.earth.frames import earth_fixed_to_inertial
-from quietfix.systems.earth.time_scales import posix_of, posix_to_tai, to_tai
+from quietfix.systems.earth.time_scales import posix_of, to_tai
 from quietfix.systems.plants.ephemeris import spline_samples
 from quietfix.systems.plants.recorded import hermite
 
@@ -99,7 +99,7 @@ def _zero(field: Oem, setting: Setting, first: EphemerisSegment) -> Moment:
         whole = int(np.floor(field.start_s))
         rest = begin[1] + (field.start_s - whole)
         return (begin[0] + whole + int(rest >= 1), rest - int(rest >= 1))
-    return _useable(first)[0] if began is None else (posix_to_tai(began[0]), began[1])
+    return _useable(first)[0] if began is None else began
 
 
 def _useable(segment: EphemerisSegment) -> tuple[Moment, Moment]:

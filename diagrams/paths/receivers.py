@@ -12,7 +12,6 @@ from quietfix.diagrams.paths.records import Setting, file_of, of_field, recorded
 from quietfix.diagrams.readers.gpx import GpxTrack, read_gpx
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.earth.geodetic import geodetic_to_ecef
-from quietfix.systems.earth.time_scales import posix_to_tai
 
 __all__ = ["gpx_path"]
 
@@ -41,7 +40,7 @@ def gpx_path(field: Gpx, setting: Setting, where: str) -> Path:
     height = track.elevation + geoid if field.height_m is None else np.full(track.rest.size, field.height_m)
     places = geodetic_to_ecef(np.radians(track.latitude), np.radians(track.longitude), height)
     began = setting.began()
-    zero = (int(track.second[0]), float(track.rest[0])) if began is None else (posix_to_tai(began[0]), began[1])
+    zero = (int(track.second[0]), float(track.rest[0])) if began is None else began
     times = (track.second - zero[0]) + (track.rest - zero[1])
     return recorded_path(*_with_gaps(times, places, track.part), setting, what)
 

@@ -19,14 +19,14 @@ from quietfix.diagrams.paths.movers import Sp3, Tle, Track
 from quietfix.diagrams.quantities.frame import EARTH_FIXED, Frame
 from quietfix.diagrams.readers.doppler.elements import UNIX_EPOCH, checked_satellite
 from quietfix.diagrams.readers.doptrack_data import teme_to_earth_fixed
-from quietfix.diagrams.readers.instants import instant
 from quietfix.diagrams.schema.errors import UserError, shown
 from quietfix.systems.earth.frames import earth_fixed_to_inertial
 from quietfix.systems.earth.geodetic import geodetic_to_ecef
+from quietfix.systems.earth.time_scales import posix_of, posix_to_tai, to_tai
 from quietfix.systems.files import Unreadable, read_text, regular_size
 from quietfix.systems.plants.recorded import RecordedTruth, hermite
 from quietfix.systems.plants.sp3 import PreciseOrbit, read_sp3
-from quietfix.systems.plants.sp3_records import in_utc
+from quietfix.systems.plants.sp3_records import in_tai
 
 __all__ = [
     "Setting",
@@ -65,7 +65,7 @@ class Setting:
     reference : ReferenceOrbit
         What !Offset is counted from.
     zero : (int, float), optional
-        t = 0 as seconds since 1970, whole and rest, where no date says it.
+        t = 0 as seconds of TAI since 1970, whole and rest, where no date says it.
     """
 
     duration: float
@@ -75,11 +75,11 @@ class Setting:
     zero: tuple[int, float] | None = None
 
     def began(self) -> tuple[int, float] | None:
-        """Return t = 0 as seconds since 1970, whole and rest; None without a date."""
+        """Return t = 0 as seconds of TAI since 1970, whole and rest; None without a date."""
         if self.start is None:
             return self.zero
         try:
-            return instant(self.start)
+            return to_tai(self.start.strip(), "UTC", offsets=True)
         except ValueError as error:
             raise UserError(f"start_utc: {error}") from error
 
@@ -91,7 +91,7 @@ def _age(elements: Tle, setting: Setting, where: str) -> float:
         raise UserError(f"start_utc: null is not allowed with !Tle ({where}); such as 2026-03-01T12:00:00Z")
     satellite = _satellite(elements, where)
     epoch = (satellite.jdsatepoch - UNIX_EPOCH) * _DAY + satellite.jdsatepochF * _DAY
-    return (began[0] + began[1] - epoch) / _DAY
+    return (posix_of(began[0]) + began[1] - epoch) / _DAY
 
 
 def old_elements(elements: Tle, setting: Setting, where: str) -> str:
@@ -104,6 +104,13 @@ def old_elements(elements: Tle, setting: Setting, where: str) -> str:
 
 def _satellite(elements: Tle, where: str) -> Any:
     return checked_satellite(elements.line_1, elements.line_2, (f"{where}.line_1", f"{where}.line_2"))
+
+
+def _leap_seconds(second: int, age: float) -> int:
+    """Return how many leap seconds there were in so many days of 86400 s before seconds of TAI since 1970."""
+    civil = posix_of(second)
+    before = civil - math.floor(age * _DAY)
+    return (second - civil) - (posix_to_tai(before) - before)
 
 
 def tle_path(elements: Tle, setting: Setting, where: str) -> Path:
@@ -126,18 +133,20 @@ def tle_path(elements: Tle, setting: Setting, where: str) -> Path:
             f"{where}.line_1: epoch {abs(age):.1f} days {'before' if age > 0 else 'after'} start_utc is not allowed; "
             f"at most {_OLDEST:g}"
         )
-    day, second = divmod(began[0], int(_DAY))
+    day, second = divmod(posix_of(began[0]), int(_DAY))
     whole, part = UNIX_EPOCH + day, (second + began[1]) / _DAY
+    # SGP4 counts days of 86400 s from the epoch of the elements, which is UTC: leap seconds since then are more
+    since = part + _leap_seconds(began[0], age) / _DAY
 
     def at(t: float) -> Array:
-        code, position, velocity = satellite.sgp4(whole, part + t / _DAY)
+        code, position, velocity = satellite.sgp4(whole, since + t / _DAY)
         if code:
             return np.full(6, np.nan)
         state = teme_to_earth_fixed(1e3 * np.array(position), 1e3 * np.array(velocity), np.array(whole + part))
         return earth_fixed_to_inertial(state, 0.0)
 
     for t in (0.0, setting.duration):
-        code = satellite.sgp4(whole, part + t / _DAY)[0]
+        code = satellite.sgp4(whole, since + t / _DAY)[0]
         if code or not np.isfinite(at(t)).all():
             raise UserError(f"{where}: SGP4 cannot tell where it is at {t:g} s (error {code})")
     return at
@@ -193,7 +202,7 @@ def _sp3_start(field: Sp3, orbit: PreciseOrbit, setting: Setting) -> float:
         return field.start_s
     if began is None:
         return 0.0
-    whole, rest = instant(in_utc(orbit.first_epoch, orbit.time_system))
+    whole, rest = in_tai(orbit.first_epoch, orbit.time_system)
     return began[0] - whole + (began[1] - rest)
 
 
@@ -310,7 +319,7 @@ def _times(clock: list[str] | None, names: list[str], table: Array, setting: Set
     if clock is None:
         return table[:, names.index("time_s")]
     try:
-        stamps = [instant(one) for one in clock]
+        stamps = [to_tai(one.strip(), "UTC", offsets=True) for one in clock]
     except ValueError as error:
         raise UserError(f"{where}: time {error}") from error
     zero = setting.began() or stamps[0]

@@ -15,7 +15,6 @@ from quietfix.diagrams.quantities.frame import EARTH_FIXED, INERTIAL, Frame
 from quietfix.diagrams.readers.platforms import PlatformRows, PlatformTable, read_platforms
 from quietfix.diagrams.schema.errors import UserError, choose
 from quietfix.systems.earth.geodetic import geodetic_to_ecef
-from quietfix.systems.earth.time_scales import posix_to_tai
 
 __all__ = ["doubtful_table", "platform_path", "platforms_of", "stands"]
 
@@ -108,5 +107,5 @@ def _times(rows: PlatformRows, setting: Setting) -> Array:
     if rows.second is None:
         return rows.rest
     began = setting.began()
-    zero = (int(rows.second[0]), float(rows.rest[0])) if began is None else (posix_to_tai(began[0]), began[1])
+    zero = (int(rows.second[0]), float(rows.rest[0])) if began is None else began
     return (rows.second - zero[0]) + (rows.rest - zero[1])

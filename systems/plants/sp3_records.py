@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.earth.time_scales import LEAP_SECONDS
+from quietfix.systems.earth.time_scales import LEAP_SECONDS, posix_to_tai
 
-__all__ = ["Records", "elapsed", "in_utc", "read_records"]
+__all__ = ["Records", "elapsed", "in_tai", "read_records"]
 
 Array = NDArray[np.float64]
 
@@ -46,16 +46,15 @@ def elapsed(epochs: list[datetime], time_system: str) -> Array:
     return np.array([(epoch - epochs[0]).total_seconds() + sum(leap <= epoch for leap in passed) for epoch in epochs])
 
 
-_AHEAD_OF_GPS = {"GPS": 0, "GAL": 0, "QZS": 0, "IRN": 0, "TAI": 19, "BDT": -14}  # s
+_BEHIND_TAI = {"GPS": 19, "GAL": 19, "QZS": 19, "IRN": 19, "TAI": 0, "BDT": 33}  # s
 
 
-def in_utc(epoch: datetime, time_system: str) -> datetime:
-    """Return an epoch in UTC; GLONASS time is UTC in these files, and GPS was level with it in 1980."""
-    if time_system not in _AHEAD_OF_GPS:
-        return epoch
-    gps = epoch - timedelta(seconds=_AHEAD_OF_GPS[time_system])
-    passed = sum(leap + timedelta(seconds=i) <= gps for i, leap in enumerate(_LEAP_SECONDS, 1))
-    return gps - timedelta(seconds=passed)
+def in_tai(epoch: datetime, time_system: str) -> tuple[int, float]:
+    """Return an epoch as seconds of TAI since 1970, whole and rest; GLONASS time is UTC in these files."""
+    moment = epoch - datetime(1970, 1, 1)
+    second, rest = moment.days * 86400 + moment.seconds, moment.microseconds * 1e-6
+    behind = _BEHIND_TAI.get(time_system)
+    return (posix_to_tai(second) if behind is None else second + behind), rest
 
 
 def read_records(path: Path, lines: list[str], satellite: str, expected: int) -> Records:

@@ -28,8 +28,9 @@ from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.schema.scenario import load, read_yaml
 from quietfix.systems.constants import EARTH_RATE
 from quietfix.systems.earth.geodetic import ecef_to_geodetic
+from quietfix.systems.earth.time_scales import to_tai
 from quietfix.systems.plants.sp3 import read_sp3
-from quietfix.systems.plants.sp3_records import in_utc
+from quietfix.systems.plants.sp3_records import in_tai
 from quietfix.systems.trajectories.gravity import GravityConstants
 
 HERE = Path(__file__).parent
@@ -223,7 +224,7 @@ def test_distance_between_a_satellite_and_a_station():
             "target.line_1: '1 00005U 58002B   00179.78495062  .00000023  0000--0  28098-4 0  4754' is not allowed; ",
         ),
         ({}, None, "start_utc: null is not allowed with !Tle"),
-        ({}, "yesterday", "start_utc: yesterday is not allowed"),
+        ({}, "yesterday", "start_utc: 'yesterday' is not allowed"),
         ({}, "2000-08-27T18:50:19Z", "target.line_1: epoch 61.0 days before start_utc is not allowed; at most 30"),
         ({}, "2000-05-20T18:50:19Z", "target.line_1: epoch 38.0 days after start_utc"),
     ],
@@ -265,12 +266,16 @@ def test_recorded_precise_orbit(recorded):
 
 def test_time_systems_of_precise_orbits():
     """GPS was 14 s ahead of UTC from 2006 to 2008, 13 s before, and TAI another 19 s."""
-    assert in_utc(datetime(2008, 8, 30, 0, 0, 14), "GPS") == datetime(2008, 8, 30)
-    assert in_utc(datetime(2006, 1, 1, 0, 0, 13), "GPS") == datetime(2006, 1, 1, 0, 0, 0)
-    assert in_utc(datetime(2005, 12, 31, 23, 59, 59), "GPS") == datetime(2005, 12, 31, 23, 59, 46)
-    assert in_utc(datetime(2020, 1, 1, 0, 0, 37), "TAI") == datetime(2020, 1, 1)
-    assert in_utc(datetime(2020, 1, 1, 0, 0, 4), "BDT") == datetime(2020, 1, 1)
-    assert in_utc(datetime(2020, 1, 1), "UTC") == datetime(2020, 1, 1)
+    for epoch, system, utc in [
+        (datetime(2008, 8, 30, 0, 0, 14), "GPS", "2008-08-30T00:00:00"),
+        (datetime(2006, 1, 1, 0, 0, 13), "GPS", "2005-12-31T23:59:60"),
+        (datetime(2006, 1, 1, 0, 0, 14), "GPS", "2006-01-01T00:00:00"),
+        (datetime(2005, 12, 31, 23, 59, 59), "GPS", "2005-12-31T23:59:46"),
+        (datetime(2020, 1, 1, 0, 0, 37), "TAI", "2020-01-01T00:00:00"),
+        (datetime(2020, 1, 1, 0, 0, 4), "BDT", "2020-01-01T00:00:00"),
+        (datetime(2020, 1, 1, 0, 0, 0, 250000), "UTC", "2020-01-01T00:00:00.25"),
+    ]:
+        assert in_tai(epoch, system) == to_tai(utc)
 
 
 @pytest.mark.parametrize(
@@ -333,7 +338,7 @@ HEAD = "time_s,x_m,y_m,z_m\n"
             "time_s,latitude_deg,longitude_deg,height_m\n0,91,2,3\n400,1,2,3\n",
             "target.file: t.csv: a latitude beyond 90",
         ),
-        ("time,x_m,y_m,z_m\nnoon,1,2,3\n", "target.file: t.csv: time noon is not allowed"),
+        ("time,x_m,y_m,z_m\nnoon,1,2,3\n", "target.file: t.csv: time 'noon' is not allowed"),
     ],
 )
 def test_bad_tracks_are_refused_in_one_line(tmp_path, text, said):

@@ -22,12 +22,11 @@ from quietfix.diagrams.own.fields.schema import OwnScenario, Prior
 from quietfix.diagrams.own.fields.starts import KnownHeight
 from quietfix.diagrams.parts.formation import gravity_constants
 from quietfix.diagrams.paths.functions import Path, path_of
-from quietfix.diagrams.paths.movers import RandomMotion, Sp3, Tle, Track
+from quietfix.diagrams.paths.movers import RandomMotion
 from quietfix.diagrams.paths.places import Places
 from quietfix.diagrams.paths.records import Setting
 from quietfix.diagrams.readers.measurements import MeasurementTable
 from quietfix.diagrams.schema.errors import UserError
-from quietfix.systems.earth.time_scales import posix_of, posix_to_tai
 
 __all__ = [
     "believed_noise",
@@ -64,7 +63,7 @@ def setting_of(scenario: OwnScenario, folder: FilePath, table: MeasurementTable 
     setting = Setting(scenario.duration_s, scenario.start_utc, folder, scenario.reference_orbit)
     if setting.began() is None and table is not None and table.whole is not None:
         whole, rest = table.first
-        return replace(setting, zero=(posix_of(whole), rest))
+        return replace(setting, zero=(whole, rest))
     return setting
 
 
@@ -101,8 +100,7 @@ def measured(
         With file and line, or the field of the scenario that means nothing with measurements.
     """
     refuse_simulated(scenario, bool(truth))
-    began = None if scenario.start_utc is None else setting.began()
-    start = None if began is None else (posix_to_tai(began[0]), began[1])
+    start = None if scenario.start_utc is None else setting.began()
     rows = [row for kind in kinds for row in kind.rows]
     found = played(table, table.seconds(start), rows, believed_noise(kinds), scenario.duration_s)
     resolved = [kind.where for kind in kinds if kind.resolved]
@@ -111,7 +109,7 @@ def measured(
             f"{table.path.name}: column sigma is not allowed with phases that are resolved ({resolved[0]}); sigma_deg"
         )
     paths, unknown = _paths(scenario, found, truth)
-    notes = [*beyond_light(found, rows, places.platforms, carriers), *unknown, *_leaping(scenario, setting, found.end)]
+    notes = [*beyond_light(found, rows, places.platforms, carriers), *unknown]
     return replace(found, paths=paths, notes=[*found.notes, *notes])
 
 
@@ -170,15 +168,6 @@ def refuse_simulated(scenario: OwnScenario, known: bool) -> None:
         )
 
 
-def _leaping(scenario: OwnScenario, setting: Setting, end: float) -> list[str]:
-    """Return a note on a leap second that paths by dates do not count."""
-    began = setting.began()
-    if began is None or posix_to_tai(began[0] + int(end)) - posix_to_tai(began[0]) == int(end):
-        return []
-    dated = [name for name, one in scenario.platforms.items() if isinstance(one, Tle | Sp3 | Track)]
-    return [f"the run passes a leap second, which the paths of {', '.join(dated)} do not count."] if dated else []
-
-
 def recorded_of(fed: Played, known: bool, began: tuple[int, float] | None) -> Recorded:
     """Return what makes a model of it a recording.
 
@@ -188,15 +177,14 @@ def recorded_of(fed: Played, known: bool, began: tuple[int, float] | None) -> Re
     known : bool
         Whether its truth is.
     began : (int, float), optional
-        t = 0 as seconds since 1970, whole and rest.
+        t = 0 as seconds of TAI since 1970, whole and rest.
     """
-    since = None if began is None else (posix_to_tai(began[0]), began[1])
     several = len(fed.names) > 1
     return Recorded(
         tracks=fed.names,
         clocks=[track.clock for track in fed.tracks] if several else (),
         times=[track.clock.ticks(np.inf) for track in fed.tracks] if several else (),
-        report=partial(measured_report, names=fed.names, began=since, known=known),
+        report=partial(measured_report, names=fed.names, began=began, known=known),
         keeps=["covariance", "innovation", "measurement"],
         bounds=known and not several,
         truth=known,

@@ -21,6 +21,7 @@ from quietfix.diagrams.statistics.epochs import along
 from quietfix.diagrams.writers.estimates import estimate_columns, write_estimates
 from quietfix.diagrams.writers.tracks import write_tracks
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
+from quietfix.systems.earth.time_scales import from_tai
 
 __all__ = ["MeasuredReport", "Told", "measured_report"]
 
@@ -196,11 +197,18 @@ class MeasuredReport:
         lines += [_uncovered(one) for one in self.told if _too_large(one)][:_MOST]
         if not self.known:
             lines.append("nobody knows where the target was: no errors, only what the estimators say of themselves")
-        return [*lines, *([self.note] if self.note and not self.known else [])]
+        return [*lines, *([self.note] if self.note and not self.known else []), self._clock()]
+
+    def _clock(self) -> str:
+        """Return in words what times are."""
+        if self.began is None:
+            return "times are seconds of the table's own clock: nothing says of which scale"
+        return f"t = 0 is {from_tai(*self.began)}Z (UTC): seconds are those of TAI, leap seconds counted; dates are UTC"
 
     def summary(self) -> dict[str, Any]:
         """Return numbers for ``summary.json``."""
-        found: dict[str, Any] = {"targets": [_entry(one) for one in self.told]}
+        zero = None if self.began is None else f"{from_tai(*self.began)}Z"
+        found: dict[str, Any] = {"start_utc": zero, "targets": [_entry(one) for one in self.told]}
         if not self.known:
             names = dict.fromkeys(one.estimator for one in self.told)
             never = {name: sum(one.time is None for one in self.told if one.estimator == name) for name in names}

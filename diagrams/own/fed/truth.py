@@ -15,7 +15,6 @@ from quietfix.diagrams.quantities.frame import Frame
 from quietfix.diagrams.readers.measurements import numbers_of, texts_of, times_of
 from quietfix.diagrams.readers.rows import Chunk, broken, chunks_of
 from quietfix.systems.earth.geodetic import geodetic_to_ecef
-from quietfix.systems.earth.time_scales import posix_to_tai
 from quietfix.systems.plants.recorded import RecordedTruth, hermite
 
 __all__ = ["read_truth"]
@@ -82,7 +81,7 @@ def _seconds(path: FilePath, chunk: Chunk, setting: Setting) -> Array:
     began = setting.began()
     if began is None:
         raise broken(path, None, "time: dates are not allowed without start_utc or dates in the measurements; time_s")
-    return (whole - posix_to_tai(began[0])) + (rest - began[1])
+    return (whole - began[0]) + (rest - began[1])
 
 
 def _states(path: FilePath, chunk: Chunk, frame: Frame) -> Array:

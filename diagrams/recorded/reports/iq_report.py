@@ -101,6 +101,8 @@ class IqReport:
         lines = [f"differences: that recording minus {self.pairs[0].main}; medians over time"]
         if not self.dated:
             lines.append("the files do not say when they begin (core:datetime); they were taken to begin together")
+        else:
+            lines.append("the files' dates (core:datetime) are UTC")
         lines += self.gaps
         lines += [_phase_line(one) for one in self.phases]
         lines += [f"{pair.auxiliary}: flagged: {reasons}" for pair in self.pairs if (reasons := pair.reasons())]

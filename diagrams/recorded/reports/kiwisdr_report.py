@@ -281,6 +281,7 @@ class KiwiReport:
                 )
             if reasons := found.reasons():
                 lines.append(f"{named}: flagged: {reasons}")
+        lines.append("times are GPS seconds of the week, as the receivers stamp them")
         return list(dict.fromkeys([*lines, *self.data.left_out]))
 
     def summary(self) -> dict[str, Any]:

@@ -174,6 +174,7 @@ class LocardsReport:
         scores = self.all
         aside, ahead = (np.abs(part[0, :, 0]) for part in (scores.across, scores.along))
         lines = ["5+: aircraft with at least five messages in their set; percentiles are over the messages with a fix"]
+        lines.append("arrival times are those of the receivers' clocks: the files name no scale and no date")
         if np.isfinite(aside).any():
             lines.append(
                 f"{self.labels[0]}, across the course: {np.nanmedian(aside):.0f} m (50 %), "
