@@ -22,8 +22,8 @@ from quietfix.systems.angles.bearing import Bearing
 from quietfix.systems.documented import documented, text
 from quietfix.systems.fixes.von_mises import robust_fix, sample, von_mises_fix
 from quietfix.systems.motion.stationary import Stationary
+from quietfix.systems.options.bearings.crossing import Crossing
 from quietfix.systems.options.choice import EstimatorChoice
-from quietfix.systems.options.crossing import Crossing
 from quietfix.systems.options.ekf import Ekf
 from quietfix.systems.options.mgekf import Mgekf
 from quietfix.systems.sensors.recorded import Recording

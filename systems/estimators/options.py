@@ -16,7 +16,7 @@ from quietfix.systems.starts.start import Start
 __all__ = ["EstimatorOptions"]
 
 
-@dataclass
+@dataclass(frozen=True)
 class EstimatorOptions(ABC):
     """Options of an estimator as a user writes them; the class name is the YAML tag.
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.documented import count, number
 from quietfix.systems.filters.gaussian import GaussianFilter
 from quietfix.systems.filters.observation import Observation, linearised, take
 from quietfix.systems.filters.square_root import Gains, Posterior, report
@@ -42,8 +43,8 @@ class IteratedExtendedKalman(GaussianFilter):
         epsilon, in the mixed SI units of the state (as the paper has it: metres dominate), > 0.
     """
 
-    max_iterations: int = 10
-    tolerance: float = 1e-2
+    max_iterations: int = count("at most so many linearisations per update; 1 is the EKF", 10)
+    tolerance: float = number("stop rule ||x_{j+1} - x_j|| <= tolerance, SI units mixed", 1e-2, above=0)
 
     def __post_init__(self) -> None:
         """Check the arguments."""

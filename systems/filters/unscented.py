@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.documented import number
 from quietfix.systems.filters.gaussian import GaussianFilter, predict_extended
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.square_root import Gains, Posterior, report
@@ -43,9 +44,9 @@ class UnscentedKalman(GaussianFilter):
     with the noise :math:`R + \Omega`, which `Gains` takes as it is.
     """
 
-    alpha: float = 1.0
-    beta: float = 0.0
-    kappa: float = 0.0
+    alpha: float = number("spread of the sigma points", 1.0, above=0)
+    beta: float = number("extra weight of the centre in covariances (2: Gaussian)", 0.0)
+    kappa: float = number("secondary scaling; n + kappa > 0", 0.0)
 
     def __post_init__(self) -> None:
         """Check the arguments."""

@@ -17,7 +17,7 @@ from quietfix.systems.starts.start import Start
 __all__ = ["Custom"]
 
 
-@dataclass
+@dataclass(frozen=True)
 class Custom(EstimatorOptions):
     """``!Custom {class: package.module:Class, options: {...}}``.
 

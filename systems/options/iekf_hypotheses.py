@@ -19,7 +19,7 @@ from quietfix.systems.starts.start import Start
 __all__ = ["IekfHypotheses"]
 
 
-@dataclass
+@dataclass(frozen=True)
 class IekfHypotheses(EstimatorOptions):
     """Iterated extended Kalman filters for all phase integers that the start allows, until one explains the data.
 

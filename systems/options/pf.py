@@ -16,7 +16,7 @@ from quietfix.systems.starts.start import Start
 __all__ = ["Pf"]
 
 
-@dataclass
+@dataclass(frozen=True)
 class Pf(EstimatorOptions):
     """Particle filter: progressive correction (tempering) with a shrunk kernel."""
 

@@ -17,7 +17,7 @@ from quietfix.systems.starts.start import Start
 __all__ = ["PfSir"]
 
 
-@dataclass
+@dataclass(frozen=True)
 class PfSir(EstimatorOptions):
     """Bootstrap particle filter: particles move by the motion model, weights are likelihoods, resampled every epoch.
 

@@ -18,7 +18,7 @@ from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.fixes.orbit_plane import plane_normal
 from quietfix.systems.fixes.ranging import RangingEquation
 from quietfix.systems.motion.orbital import OrbitalMotion
-from quietfix.systems.options.range_decomposed import RangeDecomposed
+from quietfix.systems.options.ranging.range_decomposed import RangeDecomposed
 from quietfix.systems.signals import Draw
 from quietfix.systems.starts.start import GivenStart
 from tests.benchmarks.harness import Peer, Size, race, ratios

@@ -203,7 +203,7 @@ def test_cost_is_the_estimators_own():
                     pass
                 return super().update(*arguments)
 
-        wired.estimators["ukf"].algorithm = Slow(algorithm.alpha, algorithm.beta, algorithm.kappa)
+        wired.estimators["ukf"].algorithm = Slow(alpha=algorithm.alpha, beta=algorithm.beta, kappa=algorithm.kappa)
         return wired, builder, scores
 
     study.wire = slow

@@ -376,7 +376,17 @@ FILTERS: dict[str, GaussianFilter] = {
     "student rows": StudentRows(IteratedExtendedKalman(), freedom=1e15),
     "ukf, alpha 0.1": UnscentedKalman(0.1, 2.0, 0.0),
 }
-"""Every Gaussian filter, as bare functions."""
+"""Every Gaussian filter, as bare functions; `_registered` adds those that are written as an estimator's options."""
+
+
+def _registered():
+    """Registered estimators that are a filter with an update of their own."""
+    known = {type(algorithm).update for algorithm in FILTERS.values()}
+    kinds = {name: object_at(path) for name, path in ESTIMATORS.items()}
+    return {n: kind() for n, kind in kinds.items() if issubclass(kind, GaussianFilter) and kind.update not in known}
+
+
+FILTERS |= _registered()
 
 EXAMPLES = {
     "custom": [Custom(class_="quietfix.systems.filters.iterated_extended:IteratedExtendedKalman")],

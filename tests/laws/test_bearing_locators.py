@@ -12,9 +12,9 @@ from quietfix.systems.estimators.azimuth_filter import AzimuthFilter
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.motion.constant_velocity import ConstantVelocity
 from quietfix.systems.motion.stationary import Stationary
-from quietfix.systems.options.crossing import Crossing
-from quietfix.systems.options.ml import Ml
-from quietfix.systems.options.range_bank import RangeBank
+from quietfix.systems.options.bearings.crossing import Crossing
+from quietfix.systems.options.bearings.ml import Ml
+from quietfix.systems.options.bearings.range_bank import RangeBank
 from quietfix.systems.registry import ESTIMATORS
 from quietfix.systems.starts.bearing_start import BearingStart
 from tests.laws.cases import BEARINGS_ONLY

@@ -1,5 +1,7 @@
 """The laws of every estimator, for those that work with the six rows of satellite ranging only."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,10 +23,9 @@ PARTS = {"1": slice(37, 38), "7": slice(20, 27)}
 def estimators():
     """Options by name; those that can look ahead do not, since a feed cannot."""
     options = {name: object_at(ESTIMATORS[name])() for name in OWN_SENSOR}
-    for each in options.values():
-        if hasattr(each, "look_ahead"):
-            each.look_ahead = False
-    return options
+    return {
+        name: replace(one, look_ahead=False) if hasattr(one, "look_ahead") else one for name, one in options.items()
+    }
 
 
 @pytest.fixture(scope="module")

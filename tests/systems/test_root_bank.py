@@ -7,7 +7,7 @@ from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics
 from quietfix.systems.clocks import Periodic
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.motion.orbital import OrbitalMotion
-from quietfix.systems.options.bank import Bank, RootsStart
+from quietfix.systems.options.ranging.bank import Bank, RootsStart
 from quietfix.systems.starts.start import GivenStart
 from tests.laws.rig import run
 from tests.systems.ranging_scene import EARTH, PRIOR, SIGMAS, measurements, sensor

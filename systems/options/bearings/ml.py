@@ -138,7 +138,7 @@ class MaximumLikelihood(BearingLocator):
         return fit
 
 
-@dataclass
+@dataclass(frozen=True)
 class Ml(EstimatorOptions):
     """Batch maximum likelihood from all raw bearings (Levenberg and Marquardt)."""
 

@@ -120,7 +120,7 @@ class RootBank(HypothesisBank):
         return self._memory(means, covariances, weights, integers), np.any(weights > 0, axis=-1)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Bank(EstimatorOptions):
     """One iterated extended Kalman filter per root of the first epoch, decided by likelihood; needs no prior."""
 

@@ -318,7 +318,7 @@ class RangeDecomposed(Estimator):
             memory["mean"][some], memory["covariance"][some] = mean, covariance.reshape(-1, 36)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Ra(EstimatorOptions):
     """Range-decomposed filter (RA) with what it needs to work; see `RangeDecomposed`."""
 
@@ -354,7 +354,7 @@ class Ra(EstimatorOptions):
         )
 
 
-@dataclass
+@dataclass(frozen=True)
 class RaPaper(EstimatorOptions):
     """Range-decomposed filter as printed by Wu, Xin and Wan.
 

@@ -157,7 +157,7 @@ class CrossingLocator(BearingLocator):
         return sums.add(offset, sighting.angles[:, 0], sighting.variance[:, 0]), origin
 
 
-@dataclass
+@dataclass(frozen=True)
 class Crossing(EstimatorOptions):
     """Crossing of lines of bearing, raw or filtered."""
 

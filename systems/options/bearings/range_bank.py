@@ -19,7 +19,7 @@ from quietfix.systems.starts.start import Start
 __all__ = ["RangeBank"]
 
 
-@dataclass
+@dataclass(frozen=True)
 class RangeBank(EstimatorOptions):
     """The same filter started from several ranges, weighted by how well each predicts the bearings."""
 

@@ -1,0 +1,1 @@
+"""Estimators that locate by bearings alone, with their options."""
