@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.diagrams.readers.instants import instant
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.schema.yaml_text import load_yaml
 from quietfix.systems.constants import EARTH_RATE, SPEED_OF_LIGHT
 from quietfix.systems.earth.geodetic import geodetic_to_ecef
+from quietfix.systems.earth.time_scales import to_posix
 from quietfix.systems.files import read_text
 
 __all__ = ["NOMINAL", "Pass", "read_passes", "satellite_states", "teme_to_earth_fixed"]
@@ -25,7 +25,7 @@ NOMINAL = 145.868e6
 """Carrier that frequencies are turned into range rates with [Hz]; its error is part of every pass's bias."""
 
 _J2000 = 2451545.0
-_UNIX = 2440587.5  # Julian date of 1970, the zero of `instant`
+_UNIX = 2440587.5  # Julian date of 1970, the zero of `to_posix`
 _DAY = 86400.0
 _HIGHEST = 1e5  # m
 _LARGEST = 1e12  # Hz, s
@@ -132,7 +132,7 @@ def _read(file: Path) -> Pass:
     try:
         about: Any = load_yaml(read_text(file))
         table = np.loadtxt(io.StringIO(read_text(file.with_suffix(".csv"))), delimiter=",", comments="#", ndmin=2)
-        whole, rest = instant(str(about["tracking"]["epoch"]))
+        whole, rest = to_posix(str(about["tracking"]["epoch"]))
         place = about["station"]["position"]
         elements = about["satellite"]["tle"]
         elevation = float(about["prediction"]["max_elevation"])

@@ -3,11 +3,60 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Protocol
 
-__all__ = ["assignments", "comments"]
+__all__ = ["assignments", "comments", "message_text"]
 
 _ENDS = re.compile(r"\r\n|\r|\n")
+
+
+class _Message(Protocol):
+    """What the messages of CCSDS have in common."""
+
+    @property
+    def version(self) -> str: ...
+
+    @property
+    def comments(self) -> Sequence[str]: ...
+
+    @property
+    def header(self) -> Mapping[str, str]: ...
+
+    @property
+    def segments(self) -> Sequence[Any]: ...
+
+
+def message_text(
+    kind: str,
+    message: _Message,
+    header: Iterable[str],
+    metadata: Iterable[str],
+    data: Callable[[Any], Iterator[str]],
+) -> str:
+    """Return a message as text.
+
+    Parameters
+    ----------
+    kind : str
+        OEM, TDM ...
+    message : EphemerisMessage, TrackingMessage ...
+    header, metadata : iterable of str
+        Keywords in the standard's order.
+    data : callable
+        Gets a segment, and yields the lines after its metadata.
+
+    Raises
+    ------
+    ValueError
+        As `assignments`, and what `data` raises.
+    """
+    lines = [f"CCSDS_{kind}_VERS = {message.version}"]
+    lines += [*comments(message.comments), *assignments(message.header, header)]
+    for segment in message.segments:
+        lines += ["", "META_START", *comments(segment.comments), *assignments(segment.metadata, metadata), "META_STOP"]
+        lines += data(segment)
+    return "\n".join([*lines, ""])
 
 
 def comments(texts: Iterable[str]) -> Iterator[str]:

@@ -9,7 +9,7 @@ import numpy as np
 from quietfix.diagrams.readers.ccsds.oem import EphemerisMessage, EphemerisSegment
 from quietfix.diagrams.readers.ccsds.oem_covariance import Covariance
 from quietfix.diagrams.readers.ccsds.oem_keywords import HEADER, METADATA
-from quietfix.diagrams.writers.kvn import assignments, comments
+from quietfix.diagrams.writers.kvn import comments, message_text
 from quietfix.systems.earth.time_scales import from_tai
 
 __all__ = ["oem_text"]
@@ -24,23 +24,10 @@ def oem_text(message: EphemerisMessage) -> str:
         If an epoch cannot be written in the time system of its segment (UTC before 1972), or a value is no line of
         text.
     """
-    return "\n".join([*_message(message), ""])
+    return message_text("OEM", message, HEADER, METADATA, _data)
 
 
-def _message(message: EphemerisMessage) -> Iterator[str]:
-    yield f"CCSDS_OEM_VERS = {message.version}"
-    yield from comments(message.comments)
-    yield from assignments(message.header, HEADER)
-    for segment in message.segments:
-        yield ""
-        yield from _segment(segment)
-
-
-def _segment(segment: EphemerisSegment) -> Iterator[str]:
-    yield "META_START"
-    yield from comments(segment.comments)
-    yield from assignments(segment.metadata, METADATA)
-    yield "META_STOP"
+def _data(segment: EphemerisSegment) -> Iterator[str]:
     yield from comments(segment.data_comments)
     scale = segment.metadata["TIME_SYSTEM"]
     columns = segment.second.tolist(), segment.rest.tolist(), segment.states.tolist(), segment.accelerations.tolist()

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from quietfix.diagrams.readers.ccsds.tdm import TrackingMessage, TrackingSegment
 from quietfix.diagrams.readers.ccsds.tdm_keywords import HEADER, METADATA
-from quietfix.diagrams.writers.kvn import assignments, comments
+from quietfix.diagrams.writers.kvn import comments, message_text
 from quietfix.systems.earth.time_scales import from_tai
 
 __all__ = ["tdm_text"]
@@ -22,23 +22,10 @@ def tdm_text(message: TrackingMessage) -> str:
     ValueError
         If a time cannot be written in the time system of its segment (UTC before 1972), or a value is no line of text.
     """
-    return "\n".join([*_message(message), ""])
+    return message_text("TDM", message, HEADER, METADATA, _data)
 
 
-def _message(message: TrackingMessage) -> Iterator[str]:
-    yield f"CCSDS_TDM_VERS = {message.version}"
-    yield from comments(message.comments)
-    yield from assignments(message.header, HEADER)
-    for segment in message.segments:
-        yield ""
-        yield from _segment(segment)
-
-
-def _segment(segment: TrackingSegment) -> Iterator[str]:
-    yield "META_START"
-    yield from comments(segment.comments)
-    yield from assignments(segment.metadata, METADATA)
-    yield "META_STOP"
+def _data(segment: TrackingSegment) -> Iterator[str]:
     yield "DATA_START"
     yield from comments(segment.data_comments)
     records, scale = segment.records, segment.metadata["TIME_SYSTEM"]

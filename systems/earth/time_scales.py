@@ -12,7 +12,7 @@ from datetime import date, datetime
 from decimal import Decimal
 from functools import lru_cache
 
-__all__ = ["LEAP_SECONDS", "SCALES", "from_tai", "posix_of", "posix_to_tai", "to_tai"]
+__all__ = ["LEAP_SECONDS", "SCALES", "from_tai", "posix_of", "posix_to_tai", "to_posix", "to_tai"]
 
 _JANUARY = (*range(1973, 1981), 1988, 1990, 1991, 1996, 1999, 2006, 2009, 2017)
 _JULY = (1972, 1981, 1982, 1983, 1985, 1992, 1993, 1994, 1997, 2012, 2015)
@@ -80,6 +80,50 @@ def to_tai(text: str, scale: str = "UTC", offsets: bool = False) -> tuple[int, f
     ValueError
         If it is no such date; the message begins with the text.
     """
+    minute, second, digits = _read(text, scale, offsets)
+    if scale == "UTC":
+        if minute < _UTC_BEGINS:
+            raise ValueError(f"{text[:60]!r} is not allowed; UTC since 1972, when its seconds became those of TAI")
+        return _moment(posix_to_tai(minute) + second, digits)
+    if scale == "TT":
+        exact = minute + second + Decimal(f"0.{digits or 0}") + SCALES[scale]
+        whole = int(exact.to_integral_value("ROUND_FLOOR"))
+        part = float(exact - whole)
+        return (whole + 1, 0.0) if part >= 1 else (whole, part)
+    return _moment(minute + second + int(SCALES[scale]), digits)
+
+
+def to_posix(value: str | datetime) -> tuple[int, float]:
+    """Read a date with a time of day in UTC, where leap seconds do not matter.
+
+    Parameters
+    ----------
+    value : str or datetime
+        As `to_tai` with an offset, which is honoured; without one it is taken to be UTC. Also before 1972.
+
+    Returns
+    -------
+    second : int
+        Whole seconds since 1970 without leap seconds, see `posix_of`.
+    rest : float
+        [s], 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        As `to_tai`.
+    """
+    minute, second, digits = _read(value.isoformat() if isinstance(value, datetime) else value.strip(), "UTC", True)
+    return _moment(minute + second, digits)
+
+
+def _moment(whole: int, digits: str | None) -> tuple[int, float]:
+    part = float(f"0.{digits}") if digits else 0.0
+    return (whole + 1, 0.0) if part >= 1 else (whole, part)
+
+
+def _read(text: str, scale: str, offsets: bool) -> tuple[int, int, str | None]:
+    """Return the beginning of a minute, in seconds since 1970 of days of 86400 s, the second, and its digits."""
     parts = _STAMP.fullmatch(text)
     if parts is None:
         raise ValueError(f"{text[:60]!r} is not allowed; {_ALLOWED}")
@@ -90,24 +134,9 @@ def to_tai(text: str, scale: str = "UTC", offsets: bool = False) -> tuple[int, f
     if int(hour) > 23 or int(minute) > 59 or int(second or 0) > 60:
         raise ValueError(f"{text[:60]!r} is not allowed; 00:00:00 to 23:59:60")
     whole = start * _DAY + 3600 * int(hour) + 60 * int(minute) - _offset(zone)
-    return _shifted(text, scale, whole, int(second or 0), digits)
-
-
-def _shifted(text: str, scale: str, minute: int, second: int, digits: str | None) -> tuple[int, float]:
-    """Return the moment of a second after the beginning of a minute [s]."""
-    if second == 60 and (scale != "UTC" or minute + 60 not in _LEAPS):
+    if second == "60" and (scale != "UTC" or whole + 60 not in _LEAPS):
         raise ValueError(f"{text[:60]!r} is not allowed; second 60 is only where UTC has a leap second")
-    if scale == "UTC":
-        if minute < _UTC_BEGINS:
-            raise ValueError(f"{text[:60]!r} is not allowed; UTC since 1972, when its seconds became those of TAI")
-        whole, part = posix_to_tai(minute) + second, float(f"0.{digits}") if digits else 0.0
-    elif scale == "TT":
-        exact = minute + second + Decimal(f"0.{digits or 0}") + SCALES[scale]
-        whole = int(exact.to_integral_value("ROUND_FLOOR"))
-        part = float(exact - whole)
-    else:
-        whole, part = minute + second + int(SCALES[scale]), float(f"0.{digits}") if digits else 0.0
-    return (whole + 1, 0.0) if part >= 1 else (whole, part)
+    return whole, int(second or 0), digits
 
 
 @lru_cache(maxsize=1024)

@@ -164,7 +164,7 @@ def test_files_that_cannot_belong_together_are_refused(recorded, tmp_path):
     with pytest.raises(UserError, match="another station"):
         read_passes(tmp_path)
     metas[1].write_text(text.replace("epoch: 2020-04-01 10:19:03.539592", "epoch: 2020-04-01"))
-    with pytest.raises(UserError, match="2020-04-01 is not allowed; a date with a time of day"):
+    with pytest.raises(UserError, match="'2020-04-01' is not allowed; a date with a time of day"):
         read_passes(tmp_path)
     metas[1].unlink()
     with pytest.raises(UserError, match=r"ends in .yml"):

@@ -92,7 +92,7 @@ CHANGED = [
     (ALPHA, "  alpha: 5", "platforms.alpha: 5 is not allowed; a mapping of fields"),
     (ALPHA, "  alpha: !Fixed {east: 5}", "platforms.alpha.east: east is not known (did you mean east_km?)"),
     ("divergence_m:", "start_utc: 2026-19-20", "start_utc: 2026-19-20: month must be in 1..12"),
-    ("divergence_m:", "start_utc: yesterday", "start_utc: yesterday is not allowed"),
+    ("divergence_m:", "start_utc: yesterday", "start_utc: 'yesterday' is not allowed"),
     # files
     (ALPHA, "  alpha: !Track {file: no.csv}", "platforms.alpha.file: no.csv cannot be read (No such file"),
     (ALPHA, "  alpha: !Track {}", "platforms.alpha.file: none is given"),

@@ -6,7 +6,7 @@ import difflib
 import io
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -109,6 +109,52 @@ class KvnText:
         """Raise a `UserError` that names file and line."""
         place = "" if number is None else f", line {number}"
         raise UserError(f"{shown(self.path)}{place}: {reason}")
+
+    def version(self, line: KvnLine | None, kind: str, versions: Sequence[str]) -> str:
+        """Return the version in the first line of a message of some `kind`: OEM, TDM; the newest is the last."""
+        name = f"CCSDS_{kind}_VERS"
+        if line is None:
+            self.refuse(None, f"it is empty; {name} = {versions[-1]}")
+        if line.keyword != name or not line.assigned:
+            self.refuse(line.number, f"{brief(line.text)} is not allowed; {name} = {versions[-1]} (KVN, not XML)")
+        return self.choice(line.number, name, line.value, versions)
+
+    def header(
+        self, lines: Iterator[KvnLine], allowed: Sequence[str], needed: Sequence[str]
+    ) -> tuple[dict[str, str], tuple[str, ...], KvnLine | None]:
+        """Return the header of a message, its comments, and the first META_START after it."""
+        found: dict[str, str] = {}
+        comments: list[str] = []
+        line = next(lines, None)
+        while line is not None and line.keyword != "META_START":
+            if line.keyword == "COMMENT":
+                comments.append(line.value)
+            else:
+                name = self.keyword(line, allowed, "in the header")
+                self.once(line, found)
+                if name == "CREATION_DATE":
+                    self.epoch(line.number, name, line.value, "UTC")
+                found[name] = line.value
+            line = next(lines, None)
+        self.required(line.number if line else None, found, needed, "in the header")
+        return found, tuple(comments), line
+
+    def metadata(
+        self, lines: Iterator[KvnLine], begin: int, allowed: Sequence[str]
+    ) -> tuple[dict[str, KvnLine], tuple[str, ...]]:
+        """Return the lines up to META_STOP by their keywords, and comments; `begin`: where META_START is."""
+        found: dict[str, KvnLine] = {}
+        comments: list[str] = []
+        for line in lines:
+            if line.keyword == "META_STOP" and not line.value:
+                return found, tuple(comments)
+            if line.keyword == "COMMENT":
+                comments.append(line.value)
+                continue
+            self.keyword(line, allowed, "in the metadata")
+            self.once(line, found)
+            found[line.keyword] = line
+        self.refuse(None, f"it ends before the META_STOP of line {begin}'s META_START")
 
     def number(self, line: int, field: str, value: str, unit: str = "") -> float:
         """Return a finite number; its unit may follow in brackets.

@@ -102,13 +102,8 @@ def read_oem(path: Path | str) -> EphemerisMessage:
     """
     text = KvnText(path)
     lines = text.lines()
-    line = next(lines, None)
-    if line is None:
-        text.refuse(None, "it is empty; CCSDS_OEM_VERS = 3.0")
-    if line.keyword != "CCSDS_OEM_VERS" or not line.assigned:
-        text.refuse(line.number, f"{brief(line.text)} is not allowed; CCSDS_OEM_VERS = 3.0 (KVN, not XML)")
-    version = text.choice(line.number, "CCSDS_OEM_VERS", line.value, _VERSIONS)
-    header, comments, line = _header(text, lines)
+    version = text.version(next(lines, None), "OEM", _VERSIONS)
+    header, comments, line = text.header(lines, HEADER, HEADER[1:3])
     segments: list[EphemerisSegment] = []
     while line is not None:
         segment, line = _segment(text, lines, line)
@@ -118,28 +113,6 @@ def read_oem(path: Path | str) -> EphemerisMessage:
     if not segments:
         text.refuse(None, "it ends before the first META_START")
     return EphemerisMessage(header, tuple(segments), comments, version)
-
-
-def _header(text: KvnText, lines: Iterator[KvnLine]) -> tuple[dict[str, str], tuple[str, ...], KvnLine | None]:
-    """Return the header, its comments, and the line after it."""
-    header: dict[str, str] = {}
-    comments: list[str] = []
-    for line in lines:
-        if line.keyword == "META_START":
-            break
-        if line.keyword == "COMMENT":
-            comments.append(line.value)
-            continue
-        name = text.keyword(line, HEADER, "in the header")
-        text.once(line, header)
-        if name == "CREATION_DATE":
-            text.epoch(line.number, name, line.value, "UTC")
-        header[name] = line.value
-    else:
-        text.required(None, header, HEADER[1:3], "in the header")
-        return header, tuple(comments), None
-    text.required(line.number, header, HEADER[1:3], "in the header")
-    return header, tuple(comments), line
 
 
 def _segment(text: KvnText, lines: Iterator[KvnLine], first: KvnLine) -> tuple[EphemerisSegment, KvnLine | None]:
@@ -183,19 +156,7 @@ def _metadata(
     text: KvnText, lines: Iterator[KvnLine], begin: int
 ) -> tuple[dict[str, str], dict[str, tuple[int, float]], tuple[str, ...]]:
     """Return metadata, the moments in it, and comments."""
-    found: dict[str, KvnLine] = {}
-    comments: list[str] = []
-    for line in lines:
-        if line.keyword == "META_STOP" and not line.value:
-            break
-        if line.keyword == "COMMENT":
-            comments.append(line.value)
-            continue
-        text.keyword(line, METADATA, "in the metadata")
-        text.once(line, found)
-        found[line.keyword] = line
-    else:
-        text.refuse(None, f"it ends before the META_STOP of line {begin}'s META_START")
+    found, comments = text.metadata(lines, begin, METADATA)
     text.required(begin, found, MANDATORY, f"in the metadata from line {begin}")
     metadata = {name: line.value for name, line in found.items()}
     scale = metadata["TIME_SYSTEM"] = text.scale(found["TIME_SYSTEM"].number, metadata["TIME_SYSTEM"])
@@ -211,7 +172,7 @@ def _metadata(
     for sooner, later in pairwise(ordered):
         if moments[later] < moments[sooner]:
             text.refuse(found[later].number, f"{later} {brief(metadata[later])} is not allowed; not before {sooner}")
-    return metadata, moments, tuple(comments)
+    return metadata, moments, comments
 
 
 def _check_span(text: KvnText, times: Mapping[str, tuple[int, float]], rows: EphemerisRows, begin: int) -> None:

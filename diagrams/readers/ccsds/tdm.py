@@ -135,8 +135,8 @@ def read_tdm(path: Path | str) -> TrackingMessage:
     """
     text = KvnText(path)
     lines = text.lines()
-    version = _version(text, next(lines, None))
-    header, comments, line = _header(text, lines)
+    version = text.version(next(lines, None), "TDM", _VERSIONS)
+    header, comments, line = text.header(lines, HEADER, HEADER[:2])
     segments = []
     while line is not None:
         if line.keyword != "META_START":
@@ -148,55 +148,17 @@ def read_tdm(path: Path | str) -> TrackingMessage:
     return TrackingMessage(header, tuple(segments), comments, version)
 
 
-def _version(text: KvnText, line: KvnLine | None) -> str:
-    if line is None:
-        text.refuse(None, "it is empty; CCSDS_TDM_VERS = 2.0")
-    if line.keyword != "CCSDS_TDM_VERS" or not line.assigned:
-        text.refuse(line.number, f"{brief(line.text)} is not allowed; CCSDS_TDM_VERS = 2.0 (KVN, not XML)")
-    return text.choice(line.number, "CCSDS_TDM_VERS", line.value, _VERSIONS)
-
-
-def _header(text: KvnText, lines: Iterator[KvnLine]) -> tuple[dict[str, str], tuple[str, ...], KvnLine | None]:
-    """Return the header, its comments, and the line after it."""
-    header: dict[str, str] = {}
-    comments: list[str] = []
-    line = next(lines, None)
-    while line is not None and line.keyword != "META_START":
-        if line.keyword == "COMMENT":
-            comments.append(line.value)
-        else:
-            name = text.keyword(line, HEADER, "in the header")
-            text.once(line, header)
-            if name == "CREATION_DATE":
-                text.epoch(line.number, name, line.value, "UTC")
-            header[name] = line.value
-        line = next(lines, None)
-    text.required(line.number if line else None, header, HEADER[:2], "in the header")
-    return header, tuple(comments), line
-
-
 def _segment(text: KvnText, lines: Iterator[KvnLine], begin: int) -> TrackingSegment:
-    metadata: dict[str, str] = {}
-    comments: list[str] = []
-    for line in lines:
-        if line.keyword == "META_STOP" and not line.value:
-            break
-        if line.keyword == "COMMENT":
-            comments.append(line.value)
-            continue
-        text.keyword(line, METADATA, "in the metadata")
-        text.once(line, metadata)
-        metadata[line.keyword] = _checked(text, line)
-    else:
-        text.refuse(None, f"it ends before the META_STOP of line {begin}'s META_START")
+    found, comments = text.metadata(lines, begin, METADATA)
+    metadata = {name: _checked(text, line) for name, line in found.items()}
     _check_metadata(text, metadata, begin)
-    line = next(lines, None)  # type: ignore[assignment]
+    line = next(lines, None)
     if line is None or line.keyword != "DATA_START" or line.value:
         text.refuse(
             line.number if line else None, f"{brief(line.text) if line else 'its end'} is not allowed; DATA_START"
         )
     records, data_comments = _records(text, lines, metadata, line.number)
-    return TrackingSegment(metadata, records, tuple(comments), data_comments)
+    return TrackingSegment(metadata, records, comments, data_comments)
 
 
 def _checked(text: KvnText, line: KvnLine) -> str:

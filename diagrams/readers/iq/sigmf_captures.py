@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from quietfix.diagrams.readers.instants import instant
+from quietfix.systems.earth.time_scales import to_posix
 
 __all__ = ["Capture", "Part", "captures_of", "finite", "parts_of", "place_of", "whole"]
 
@@ -36,7 +36,7 @@ class Capture:
     frequency : float
         [Hz]; 0 where it is not said.
     stamp : (int, float) or None
-        UTC, see `quietfix.diagrams.readers.instants.instant`.
+        UTC, see `quietfix.systems.earth.time_scales.to_posix`.
     resolution : float
         Of the stamp: a unit of its last digit [s].
     header : int
@@ -116,7 +116,7 @@ def captures_of(
             continue
         stamp, frequency = about.get("core:datetime"), about.get("core:frequency", 0.0)
         try:
-            when = None if stamp is None else instant(str(stamp))
+            when = None if stamp is None else to_posix(str(stamp))
         except ValueError as error:
             raise ValueError(f"core:datetime: {error}") from error
         digits = sum(map(str.isdigit, str(stamp).partition(".")[2].partition("+")[0].partition("-")[0]))
