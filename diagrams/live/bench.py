@@ -90,6 +90,7 @@ class Bench:
     """
 
     def __init__(self, scenario: OwnScenario, folder: Path, estimators: Sequence[str], scaled: bool = False) -> None:
+        self._made_of = scenario, folder, estimators
         self.model = declare(scenario, folder, live=True, scaled=scaled)
         check_model(self.model)
         self.handed = next(part for part in self.model.parts if isinstance(part, Handed))
@@ -106,6 +107,10 @@ class Bench:
                     f"live: {leaf.get_name()} is not allowed; it keeps what is no vector of numbers, and could not "
                     "go on from a state that is kept"
                 )
+
+    def with_scales(self) -> Bench:
+        """Return such a bench to which the noise of rows is handed over with them."""
+        return Bench(*self._made_of, scaled=True)
 
     def knows(self, target: str) -> bool:
         """Return whether anybody knows where a target is at the start."""

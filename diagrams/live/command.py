@@ -13,6 +13,7 @@ from types import FrameType
 
 from quietfix.diagrams.assembly.find import Found, find
 from quietfix.diagrams.assembly.lineup import select_estimators
+from quietfix.diagrams.live.bench import Bench
 from quietfix.diagrams.live.session import Session
 from quietfix.diagrams.live.sources import Datagrams, Followed, Source, StandardInput
 from quietfix.diagrams.live.state_file import digest_of, read_state, restore, write_state
@@ -99,7 +100,7 @@ def live_command(
     with found.blaming(resolved.estimators):
         with origins_of(resolved).placing(), in_users_words():
             told: list[str] = []
-            session = Session(resolved, folder, chosen, told.append, zero, asked.lag, asked.jump)
+            session = Session(Bench(resolved, folder, chosen), told.append, zero, asked.lag, asked.jump)
         if saved is not None and asked.state is not None:
             restore(session, saved, asked.state)
         if session.bench.model.note:

@@ -8,7 +8,6 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quietfix.diagrams.live.light import LightTimes
 from quietfix.diagrams.live.refused import Counted, Refused
@@ -20,7 +19,6 @@ from quietfix.diagrams.schema.errors import UserError
 
 __all__ = ["LONGEST", "Heard", "LineReader"]
 
-Array = NDArray[np.float64]
 Moment = tuple[int, float]
 
 LONGEST = 1 << 16

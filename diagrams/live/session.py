@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterable
 
 from quietfix.diagrams.live.bench import Bench, Runner
 from quietfix.diagrams.live.lines import Heard, LineReader
 from quietfix.diagrams.live.lines import Moment as Zero
 from quietfix.diagrams.live.refused import Counted, Refused
 from quietfix.diagrams.live.told import lines_of
-from quietfix.diagrams.live.track import Outcome, Track
-from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.live.track import FollowedTarget, Outcome
 
 __all__ = ["MOST_TARGETS", "Session"]
 
@@ -25,11 +23,8 @@ class Session:
 
     Parameters
     ----------
-    scenario : OwnScenario
-    folder : Path
-        What paths in the scenario are relative to.
-    estimators : sequence of str
-        Those that run.
+    bench : Bench
+        What runs; another one, as soon as the noise of rows comes with them.
     write : callable
         Gets lines of JSON.
     zero : (int, float), optional
@@ -42,19 +37,16 @@ class Session:
 
     def __init__(
         self,
-        scenario: OwnScenario,
-        folder: Path,
-        estimators: Sequence[str],
+        bench: Bench,
         write: Callable[[str], object],
         zero: Zero | None = None,
         lag: float = 0.0,
         jump: float = 3600.0,
     ) -> None:
-        self._scenario, self._folder, self._estimators = scenario, folder, list(estimators)
-        self.bench = Bench(scenario, folder, estimators)
+        self.bench = bench
         self.refusals, self.doubts = Counted("left out"), Counted("doubtful")
         self.reader = LineReader(self.bench.handed, self.doubts, zero)
-        self.tracks: dict[str, Track] = {}
+        self.tracks: dict[str, FollowedTarget] = {}
         self.begun = 0  # targets, those that were given up too
         self.lines = self.ticks = self.given_up = 0
         self.latest = 0.0
@@ -142,7 +134,7 @@ class Session:
         if len(track.pending) > 1:
             self._tell(track.ready())
 
-    def _begin(self, target: str) -> Track:
+    def _begin(self, target: str) -> FollowedTarget:
         if self.bench.handed.drawn and not self.bench.knows(target):
             raise Refused(
                 "target", f"target: nobody knows where {target} was at t = 0, about which the start is drawn; !Given"
@@ -155,15 +147,17 @@ class Session:
         self.begun += 1
         return track
 
-    def follow(self, target: str, number: int) -> Track:
+    def follow(self, target: str, number: int) -> FollowedTarget:
         """Begin to follow a target; see `quietfix.diagrams.live.bench.Runner`."""
-        track = Track(Runner(self.bench, target, number), len(self.bench.handed.rows), self._lag, self.refusals)
+        track = FollowedTarget(
+            Runner(self.bench, target, number), len(self.bench.handed.rows), self._lag, self.refusals
+        )
         self.tracks[target] = track
         return track
 
     def scale(self) -> None:
         """Go on with a diagram in which the noise of rows is handed over with them."""
-        self.bench = Bench(self._scenario, self._folder, self._estimators, scaled=True)
+        self.bench = self.bench.with_scales()
         for name, track in self.tracks.items():
             moment, runner = track.runner.moment(), Runner(self.bench, name, track.runner.number)
             runner.go_back(moment)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from quietfix.diagrams.live.bench import Moment
 from quietfix.diagrams.live.lines import Heard
 from quietfix.diagrams.live.session import Session
-from quietfix.diagrams.live.track import Done, Tick, Track
+from quietfix.diagrams.live.track import Done, FollowedTarget, Tick
 from quietfix.diagrams.own.fields.schema import OwnScenario
 from quietfix.diagrams.schema.errors import UserError, shown
 from quietfix.diagrams.schema.scenario import dump
@@ -150,7 +150,7 @@ def _restore(session: Session, said: Mapping[str, Any]) -> None:
         track.done.extend(Done(_moment_of(done["before"]), _tick_of(done["tick"])) for done in one["done"])
 
 
-def _track(name: str, track: Track) -> dict[str, Any]:
+def _track(name: str, track: FollowedTarget) -> dict[str, Any]:
     return {
         "target": name,
         "number": track.runner.number,

@@ -13,7 +13,7 @@ from quietfix.diagrams.live.bench import Moment, Runner, Told
 from quietfix.diagrams.live.lines import Heard
 from quietfix.diagrams.live.refused import Counted, Refused
 
-__all__ = ["Done", "Outcome", "Tick", "Track"]
+__all__ = ["Done", "FollowedTarget", "Outcome", "Tick"]
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def _same(a: float, b: float) -> bool:
     return abs(a - b) <= _SAME * max(1.0, abs(a))
 
 
-class Track:
+class FollowedTarget:
     """One target.
 
     Parameters

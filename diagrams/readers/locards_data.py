@@ -28,7 +28,7 @@ from quietfix.diagrams.readers.arrivals.cells import cell_rows, header_of, ident
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.earth.geodetic import geodetic_to_ecef
 
-__all__ = ["LocardsSet", "Receiver", "Track", "holds_messages", "read_receivers", "read_set", "read_sets"]
+__all__ = ["LocardsSet", "Receiver", "AircraftTrack", "holds_messages", "read_receivers", "read_set", "read_sets"]
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ class Receiver(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Track:
+class AircraftTrack:
     """The messages of one aircraft, in the order of their arrival.
 
     Attributes
@@ -96,10 +96,10 @@ class Track:
     altitude: Array
     reported: Array
 
-    def part(self, which: slice) -> Track:
+    def part(self, which: slice) -> AircraftTrack:
         """Return some of the messages as a track."""
         arrays = {name: value[which] for name, value in vars(self).items() if name != "aircraft"}
-        return Track(self.aircraft, **arrays)
+        return AircraftTrack(self.aircraft, **arrays)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class LocardsSet:
     ----------
     name : str
         Name of the file, without its ending.
-    tracks : list of Track
+    tracks : list of AircraftTrack
         One per aircraft.
     repeats : int
         Lines left out because they hold a message that another line has already.
@@ -119,7 +119,7 @@ class LocardsSet:
     """
 
     name: str
-    tracks: list[Track]
+    tracks: list[AircraftTrack]
     repeats: int
     notes: Sequence[str] = ()
 
@@ -261,7 +261,7 @@ def _notes(levels: Sequence[str], sensors: str) -> list[str]:
     return [f"{sensors} says no height of {', '.join(levels[:5])}{more}: taken for that of the others in the middle"]
 
 
-def _track(messages: list[_Message], receivers: Mapping[int | str, Receiver], width: int, first: int) -> Track:
+def _track(messages: list[_Message], receivers: Mapping[int | str, Receiver], width: int, first: int) -> AircraftTrack:
     count = len(messages)
     arrivals = np.full((count, width), np.nan)
     platforms = np.full((count, width, 6), np.nan)
@@ -272,7 +272,7 @@ def _track(messages: list[_Message], receivers: Mapping[int | str, Receiver], wi
             arrivals[i, j] = (arrival - message.arrivals[0]) * _NS
             platforms[i, j] = np.concatenate([receivers[serial].position, np.zeros(3)])
             heights[i, j] = receivers[serial].height
-    return Track(
+    return AircraftTrack(
         messages[0].aircraft,
         np.array([(message.stamp - first) * _NS for message in messages]),
         arrivals,

@@ -9,7 +9,7 @@ import numpy as np
 
 from quietfix.diagrams.parts.iq_comparison import Piece
 from quietfix.diagrams.readers.iq.recording import IqRecording, Segment
-from quietfix.diagrams.recorded.locating.receivers import Track, named
+from quietfix.diagrams.recorded.locating.receivers import ReceiverTrack, named
 from quietfix.diagrams.recorded.settings.iq_settings import Settings
 from quietfix.diagrams.schema.errors import UserError, choose
 from quietfix.systems.earth.time_scales import posix_to_tai
@@ -37,7 +37,7 @@ class Alike:
         Place of the receiver that the others are compared with.
     began : (int, float), optional
         First sample of all in seconds of TAI since 1970; None: the files do not say.
-    tracks : dict of str to Track or None
+    tracks : dict of str to ReceiverTrack or None
         Where the receivers were, as the recordings say.
     notes : list of str
         What was done to them.
@@ -48,7 +48,7 @@ class Alike:
     names: dict[str, str]
     reference: int
     began: tuple[int, float] | None
-    tracks: dict[str, Track | None]
+    tracks: dict[str, ReceiverTrack | None]
     notes: list[str]
 
 
@@ -71,7 +71,7 @@ def alike(recordings: Sequence[IqRecording], settings: Settings) -> Alike:
     rate = min(rates)
     blocks: dict[str, Parts] = {}
     channels: dict[str, list[Parts]] = {}
-    tracks: dict[str, Track | None] = {}
+    tracks: dict[str, ReceiverTrack | None] = {}
     for name, one in zip(receivers, recordings, strict=True):
         # whole seconds apart, so that no digit of the fractions is lost
         begin = 0.0 if one.start is None else (one.start[0] - first[0]) + (one.start[1] - first[1])
@@ -81,7 +81,7 @@ def alike(recordings: Sequence[IqRecording], settings: Settings) -> Alike:
             channels[name] = parts
         tracks[name] = None
         if one.places is not None:
-            tracks[name] = Track(one.places[:, 0] + begin, one.places[:, 1:])
+            tracks[name] = ReceiverTrack(one.places[:, 0] + begin, one.places[:, 1:])
     notes = []
     if len(set(rates)) > 1:
         others = [f"{n} {r:.10g} Hz" for n, r in zip(receivers, rates, strict=True) if r != rate]

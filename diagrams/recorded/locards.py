@@ -23,7 +23,7 @@ from quietfix.diagrams.assembly.system import System
 from quietfix.diagrams.parts.recorded import RecordedStream
 from quietfix.diagrams.quantities.states import POSITION
 from quietfix.diagrams.readers.data import Source, data_folder
-from quietfix.diagrams.readers.locards_data import LocardsSet, Track, holds_messages, read_sets
+from quietfix.diagrams.readers.locards_data import LocardsSet, AircraftTrack, holds_messages, read_sets
 from quietfix.diagrams.recorded.reports.locards_report import Piece, report
 from quietfix.diagrams.recorded.settings.locards_settings import FALLBACK_M, LEAST_M, Settings
 from quietfix.diagrams.recorded.settings.locards_sigma import residual_sigma
@@ -53,12 +53,12 @@ SOURCE = Source(
 _CRUISE = 10e3  # m; for the air, where no altitude is reported
 
 
-def recording(track: Track, settings: Settings, rng: np.random.Generator | None = None) -> Recording:
+def recording(track: AircraftTrack, settings: Settings, rng: np.random.Generator | None = None) -> Recording:
     """Return what a sensor would say: rows ``tdoa_10`` ... and ``altitude``.
 
     Parameters
     ----------
-    track : Track
+    track : AircraftTrack
         Messages; what they say of the aircraft's position is not read.
     settings : Settings
         Air, faults.
@@ -76,7 +76,7 @@ def recording(track: Track, settings: Settings, rng: np.random.Generator | None 
     return Recording(track.times, np.concatenate([differences, altitude], axis=-1), track.platforms)
 
 
-def _faults(track: Track, settings: Settings, rng: np.random.Generator) -> Array:
+def _faults(track: AircraftTrack, settings: Settings, rng: np.random.Generator) -> Array:
     messages, receivers = track.arrivals.shape
     error = settings.fault_m / SPEED_OF_LIGHT * rng.choice([-1.0, 1.0], messages)
     struck = rng.random(messages) < settings.fault_share
@@ -84,7 +84,7 @@ def _faults(track: Track, settings: Settings, rng: np.random.Generator) -> Array
     return np.where(struck, error, 0.0)[:, None] * (np.arange(receivers) == chosen)
 
 
-def split(track: Track, gap: float) -> list[Track]:
+def split(track: AircraftTrack, gap: float) -> list[AircraftTrack]:
     """Cut a track wherever the aircraft was silent for longer than `gap` seconds."""
     times = track.times
     cuts = [0, *(i for i in range(1, len(times)) if times[i] - times[i - 1] > gap), len(times)]
@@ -207,7 +207,7 @@ def _assumed(recorded: Recording, settings: Settings) -> Recording:
     return Recording(recorded.times, measurement, recorded.platforms, noise)
 
 
-def _truth(track: Track) -> Array:
+def _truth(track: AircraftTrack) -> Array:
     """Return where the aircraft says it is, shape (messages, 3); NaN where it does not say it.
 
     Without a geometric height its barometric one stands for it, as in the scores.

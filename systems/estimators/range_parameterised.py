@@ -15,6 +15,7 @@ from quietfix.systems.filters.observation import Observation
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.starts.bearing_start import BearingStart
+from quietfix.systems.starts.start import Start
 
 __all__ = ["RangeParameterised", "intervals"]
 
@@ -180,16 +181,19 @@ class RangeParameterised(Estimator):
         return mean, np.einsum("ti,tijk->tjk", w, parts)
 
 
-class _EveryRange(BearingStart):
+class _EveryRange(Start):
     """The beliefs of all hypotheses one behind the other."""
 
+    uses_measurement = True
+
     def __init__(self, single: BearingStart, middles: Array, sigmas: Array) -> None:
-        self.__dict__.update(single.__dict__)
+        self._single = single
         self._pairs = list(zip(middles.tolist(), sigmas.tolist(), strict=True))
 
     def begin(self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
         """See `Start.begin`; shapes (trials, hypotheses * n) and (trials, hypotheses * n * n)."""
-        beliefs = [self.belief(measurement[:, self._rows], platforms, *pair) for pair in self._pairs]
+        angles = measurement[:, self._single.rows]
+        beliefs = [self._single.belief(angles, platforms, *pair) for pair in self._pairs]
         trials = measurement.shape[0]
         mean = np.concatenate([mean for mean, _ in beliefs], axis=-1)
         return mean, np.concatenate([covariance.reshape(trials, -1) for _, covariance in beliefs], axis=-1)

@@ -60,11 +60,11 @@ class BearingStart(Start):
         self.distance = positive(distance, "distance", "m")
         self.sigma_distance = positive(sigma_distance, "sigma_distance", "m")
         self.sigma_velocity = sigma_velocity if size == axes else positive(sigma_velocity, "sigma_velocity", "m/s")
-        self._rows = [list(stream).index(row) for row in model.names]
+        self.rows = [list(stream).index(row) for row in model.names]
 
     def begin(self, measurement: Array, platforms: Array, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
         """See `Start.begin`."""
-        return self.belief(measurement[:, self._rows], platforms)
+        return self.belief(measurement[:, self.rows], platforms)
 
     def belief(
         self, angles: Array, platforms: Array, distance: float | None = None, sigma_distance: float | None = None

@@ -10,6 +10,7 @@ import pytest
 
 from quietfix.diagrams import run_study
 from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.live.bench import Bench
 from quietfix.diagrams.live.session import Session
 from quietfix.diagrams.own.fields.measurements import Measurements
 from quietfix.diagrams.own.writing import write_measurements
@@ -25,7 +26,7 @@ def session_of(write, estimators=("ekf",), settings=(), **options):
     """A session on the drone."""
     scenario = find(DRONE.as_posix()).system.load(settings=[PARTICLES, *settings])
     scenario.measurements = scenario.measurements or Measurements()
-    return Session(scenario, DRONE.parent, estimators, write, **options)
+    return Session(Bench(scenario, DRONE.parent, estimators), write, **options)
 
 
 def play(rows, now=0.0, **options):
@@ -84,7 +85,7 @@ def test_other_systems_are_the_same_bit_by_bit(name, tmp_path):
     table = [dict(zip(columns, row, strict=True)) for row in zip(*listed, strict=True)]
 
     scenario.measurements, told = Measurements(), []
-    session = Session(scenario, path.parent, list(scenario.estimators), told.append)
+    session = Session(Bench(scenario, path.parent, list(scenario.estimators)), told.append)
     with (tmp_path / "rows.csv").open() as file:
         for row in sorted(csv.DictReader(file), key=lambda row: float(row["time_s"])):
             session.hear(json.dumps(row).encode(), 0.0)

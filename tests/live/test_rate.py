@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from quietfix.diagrams.assembly.find import find
+from quietfix.diagrams.live.bench import Bench
 from quietfix.diagrams.live.session import Session
 from quietfix.diagrams.own.fields.measurements import Measurements
 
@@ -19,7 +20,7 @@ SECONDS = 3600
 def session_on_the_drone(told, lag=0.0):
     scenario = find(DRONE.as_posix()).system.load()
     scenario.measurements = Measurements()
-    return Session(scenario, DRONE.parent, ["ekf"], told.append, lag=lag)
+    return Session(Bench(scenario, DRONE.parent, ["ekf"]), told.append, lag=lag)
 
 
 def stream(rows, seconds):

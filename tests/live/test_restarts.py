@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from quietfix.diagrams.assembly.find import find
 from quietfix.diagrams.commands.command_line import app
+from quietfix.diagrams.live.bench import Bench
 from quietfix.diagrams.live.session import Session
 from quietfix.diagrams.live.sources import Datagrams, Followed, Splitter, StandardInput
 from quietfix.diagrams.live.state_file import digest_of, read_state, restore, write_state
@@ -31,7 +32,7 @@ def begun(told, path=None, lag=0.0):
     """A session on the drone, that goes on from a file."""
     scenario = find(DRONE.as_posix()).system.load(settings=["estimators.pf=!Pf {particles: 50}"])
     scenario.measurements = Measurements()
-    session = Session(scenario, DRONE.parent, ESTIMATORS, told.append, lag=lag)
+    session = Session(Bench(scenario, DRONE.parent, ESTIMATORS), told.append, lag=lag)
     if path is not None:
         restore(session, read_state(path, "same"), path)
     return session
@@ -306,7 +307,7 @@ def straight(rows):
     told = []
     scenario = find(DRONE.as_posix()).system.load()
     scenario.measurements = Measurements()
-    session = Session(scenario, DRONE.parent, ["ekf"], told.append)
+    session = Session(Bench(scenario, DRONE.parent, ["ekf"]), told.append)
     hear(session, rows)
     session.finish(0.0)
     return by_tick(told)

@@ -270,7 +270,7 @@ def _kind(
 
 
 def _check_timed_alike(assumed: Timed, timed: Timed, path: str) -> None:
-    """Refuse a belief about when something is measured and what spoils it, which would be silently left out.
+    """Refuse a belief about when something is measured and what impairs it, which would be silently left out.
 
     A field that is not given has its default, which may be another than the sensor's.
     """

@@ -14,7 +14,7 @@ from quietfix.diagrams.readers.platforms import read_platforms
 from quietfix.diagrams.readers.stamps import write_stamps
 from quietfix.diagrams.schema.errors import UserError, shown
 
-__all__ = ["Known", "Track", "known_by_table", "known_by_tracks", "named"]
+__all__ = ["Known", "ReceiverTrack", "known_by_table", "known_by_tracks", "named"]
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ _STANDS = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class ReceiverTrack:
     """Where a receiver was, as its recording says.
 
     Attributes
@@ -119,12 +119,12 @@ def known_by_table(file: Path, receivers: Mapping[str, str]) -> Known:
     return Known(file.read_bytes(), file.suffix, names, moving, [one for one in receivers if one not in names])
 
 
-def known_by_tracks(tracks: Mapping[str, Track | None], began: tuple[int, float] | None) -> Known | None:
+def known_by_tracks(tracks: Mapping[str, ReceiverTrack | None], began: tuple[int, float] | None) -> Known | None:
     """Return what recordings say of their receivers; None where they say nothing.
 
     Parameters
     ----------
-    tracks : mapping of str to Track or None
+    tracks : mapping of str to ReceiverTrack or None
     began : (int, float), optional
         First sample of all, seconds of TAI since 1970; None: nobody knows.
     """

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from quietfix.diagrams.console.tables import Column, Table
 from quietfix.diagrams.quantities.states import POSITION
-from quietfix.diagrams.readers.locards_data import LocardsSet, Track
+from quietfix.diagrams.readers.locards_data import AircraftTrack, LocardsSet
 from quietfix.diagrams.recorded.settings.locards_scores import METHODS, Scores, score
 from quietfix.diagrams.recorded.settings.locards_settings import FALLBACK_M, Settings
 from quietfix.diagrams.recorded.settings.locards_sigma import LEAST_MESSAGES
@@ -36,7 +36,7 @@ class Piece(NamedTuple):
     name : str
     set : int
         Which set it is of.
-    track : Track
+    track : AircraftTrack
         The messages.
     size : int
         Messages of the aircraft in the whole set.
@@ -46,7 +46,7 @@ class Piece(NamedTuple):
 
     name: str
     set: int
-    track: Track
+    track: AircraftTrack
     size: int
     sigma: float
 

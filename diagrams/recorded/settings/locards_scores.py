@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.diagrams.readers.locards_data import Track
+from quietfix.diagrams.readers.locards_data import AircraftTrack
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation, geodetic_to_ecef
 
 __all__ = ["METHODS", "Scores", "headings", "score"]
@@ -113,12 +113,12 @@ class Scores:
         return result
 
 
-def headings(track: Track) -> Array:
+def headings(track: AircraftTrack) -> Array:
     """Return the course of an aircraft at each of its messages, from the position it reports at another one.
 
     Parameters
     ----------
-    track : Track
+    track : AircraftTrack
 
     Returns
     -------
@@ -137,12 +137,12 @@ def headings(track: Track) -> Array:
     return np.where(speed >= _SLOWEST, velocity / np.maximum(speed, _SLOWEST), np.nan)
 
 
-def score(track: Track, size: int, estimates: Array, excluded: Array, sigma: Array) -> Scores:
+def score(track: AircraftTrack, size: int, estimates: Array, excluded: Array, sigma: Array) -> Scores:
     """Compare estimates with the reported positions.
 
     Parameters
     ----------
-    track : Track
+    track : AircraftTrack
         The messages.
     size : int
         Messages of the aircraft in the whole set.
