@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
 from quietfix.diagrams.assembly.build import build
@@ -21,7 +19,6 @@ from quietfix.systems.registry import ESTIMATORS
 
 __all__ = ["STANDARD", "Lineup", "line_up"]
 
-Array = NDArray[np.float64]
 
 STANDARD = ("ekf", "iekf", "ukf", "pf")
 """Estimators of the registry that every system is asked to take."""

@@ -10,9 +10,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from quietfix.diagrams.assembly.find import Found, find
 from quietfix.diagrams.assembly.system import System
 from quietfix.diagrams.experiments.candidates import Lineup, line_up
@@ -24,7 +21,6 @@ from quietfix.diagrams.studies.whole import join
 
 __all__ = ["compare", "prepare"]
 
-Array = NDArray[np.float64]
 _MOST = 200_000  # epochs times trials for which such a one is added unasked: some minutes
 _EPOCHS = 500  # the mean over time and the curves are taken over at most about so many
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
 from quietfix.diagrams.assembly.build import Assembly
@@ -13,8 +11,6 @@ from quietfix.diagrams.studies.stopwatch import Stopwatch
 from quietfix.diagrams.studies.study import Study
 
 __all__ = ["ComparedStudy"]
-
-Array = NDArray[np.float64]
 
 
 class ComparedStudy(Study):

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from quietfix.diagrams.assembly.find import Found, find
 from quietfix.diagrams.assembly.system import System
@@ -29,7 +28,6 @@ from quietfix.diagrams.studies.whole import join
 
 __all__ = ["Sweep", "Vary", "parse_vary", "sweep", "sweep_statistics"]
 
-Array = NDArray[np.float64]
 
 _FORM = "KEY=A:B:N, KEY=log:A:B:N or KEY=V1,V2,..., such as truth.sigma_tdoa_ns=log:5:80:5"
 

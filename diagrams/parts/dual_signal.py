@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.schema.errors import UserError
@@ -49,7 +48,6 @@ __all__ = [
     "waveform_of",
 ]
 
-Array = NDArray[np.float64]
 
 _COARSE = "; more, as so few bits of the link take more from pulses, which stand above the mean, than from noise"
 _LEAST_CELLS = 16  # a band of fewer frequency cells has no spectrum to speak of, nor a time difference

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.parts.iq_comparison import PAIR_SIGNALS, pieces
@@ -19,8 +18,6 @@ from quietfix.systems.signal_chain.cross_ambiguity import CrossAmbiguitySensor
 from quietfix.systems.signal_chain.recorded_iq import RecordedIq
 
 __all__ = ["IqPairs"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-import numpy as np
-from numpy.typing import NDArray
-
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.documented import count, number
 
 __all__ = ["NO_CLOCKS", "CommonErrors", "SensorErrors", "refuse"]
 
-Array = NDArray[np.float64]
 
 NO_CLOCKS = {"clock_offset": "no times of arrival are compared here"}
 """For `refuse`."""

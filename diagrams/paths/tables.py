@@ -16,7 +16,7 @@ from quietfix.diagrams.readers.platforms import PlatformRows, PlatformTable, rea
 from quietfix.diagrams.schema.errors import UserError, choose
 from quietfix.systems.earth.geodetic import geodetic_to_ecef
 
-__all__ = ["doubtful_table", "platform_path", "platforms_of", "stands"]
+__all__ = ["doubtful_table", "platform_path", "stands"]
 
 Array = NDArray[np.float64]
 Path = Callable[[float], Array]
@@ -26,17 +26,6 @@ Path = Callable[[float], Array]
 def _table(path: FilePath, stamp: tuple[int, int]) -> PlatformTable:
     """Read a file once for all platforms and diagrams of a run; `stamp` tells another version of it."""
     return read_platforms(path)
-
-
-def platforms_of(path: FilePath | str) -> dict[str, Platform]:
-    """Return a table's platforms as movers, by name: what a system's ``platforms:`` may be.
-
-    Raises
-    ------
-    UserError
-        As `quietfix.diagrams.readers.platforms.read_platforms`.
-    """
-    return {name: Platform(str(path), name) for name in read_platforms(path).platforms}
 
 
 def doubtful_table(field: Platform, setting: Setting, where: str) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from quietfix.diagrams.quantities.frame import UNITS
 from quietfix.diagrams.statistics.consistency import nees_statistics, nis_statistics
@@ -33,7 +33,6 @@ __all__ = [
     "summarise",
 ]
 
-Array = NDArray[np.float64]
 
 _UNITS = {what: unit.replace("/", "p") for what, unit in UNITS.items()}
 _HUGE = 1e150  # stands for infinity while percentiles are interpolated; its square is still finite

@@ -17,10 +17,7 @@ from quietfix.diagrams.verification.metric import Metric
 from quietfix.diagrams.verification.metrics import MetricChoice, RmseRatio
 from quietfix.systems.documented import Allowed, count, documented, number, text
 
-__all__ = ["SUFFIX", "Case", "Requirement", "Specification", "read_specification"]
-
-SUFFIX = ".requirements.yaml"
-"""How the name of a file ends that pytest collects."""
+__all__ = ["Case", "Requirement", "Specification", "read_specification"]
 
 _CONFIDENCE = Allowed(lambda v: 0.5 <= v < 1, "a number >= 0.5 and < 1, such as 0.95")
 _FEWEST = 20

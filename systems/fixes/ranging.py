@@ -27,7 +27,6 @@ Array = NDArray[np.float64]
 Function = Callable[[Array], Array]
 
 _SMALLEST = 1e-24  # rad^2/s^2; keeps the outermost bracket finite when nothing turns
-_PLAIN = (0, 1, 2, 3, 5)  # columns of the rows that the range depends on: all but the radial velocity
 
 
 @dataclass(frozen=True)

@@ -84,11 +84,6 @@ class PulseTrain(Waveform):
         return self.sweep
 
     @property
-    def duty(self) -> float:
-        """Energy of a pulse over that of a signal of its height that never stops."""
-        return 1 / self._amplitude**2
-
-    @property
     def rms_bandwidth(self) -> float:
         """See `Waveform` [rad/s], of the pulse's spectrum."""
         return _rms_bandwidth(self)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["KeplerElements", "eccentric_anomaly", "elements_of", "mean_anomaly", "mean_motion", "state_of"]
+__all__ = ["KeplerElements", "eccentric_anomaly", "mean_anomaly", "mean_motion", "state_of"]
 
 Array = NDArray[np.float64]
 
@@ -180,62 +180,3 @@ def state_of(elements: KeplerElements, mu: float) -> Array:
     position = (a * (c - e))[..., None] * p + (a * root * s)[..., None] * q
     velocity = (-a * rate * s)[..., None] * p + (a * rate * root * c)[..., None] * q
     return np.concatenate([position, velocity], axis=-1)
-
-
-def elements_of(state: ArrayLike, mu: float) -> KeplerElements:
-    """Return the osculating Kepler elements of position and velocity.
-
-    Parameters
-    ----------
-    state : array_like, shape (..., 6)
-        Inertial position [m] and velocity [m/s].
-    mu : float
-        Gravitational parameter [m^3/s^2].
-
-    Returns
-    -------
-    KeplerElements
-        Of shape (...); angles in [0, 2 pi). A circular orbit gets perigee 0 (counted from the node), an
-        equatorial one node 0.
-
-    Raises
-    ------
-    ValueError
-        If a state is not on an ellipse.
-
-    Notes
-    -----
-    From the angular momentum and the eccentricity vector (Vallado, 4th ed., algorithm 9), with angles by the
-    two-argument arctangent, which keeps full precision at perigee.
-    """
-    x = np.asarray(state, dtype=float)
-    r, v = x[..., :3], x[..., 3:6]
-    radius, square = np.linalg.norm(r, axis=-1), (v * v).sum(axis=-1)
-    a = 1 / (2 / radius - square / mu)
-    h = np.cross(r, v)
-    length = np.linalg.norm(h, axis=-1)
-    if not np.all((a > 0) & np.isfinite(a) & (length > 0)):
-        raise ValueError("state: not on an elliptic orbit (energy must be < 0, position and velocity not parallel)")
-    w = h / length[..., None]
-    vector = np.cross(v, h) / mu - r / radius[..., None]
-    e = np.linalg.norm(vector, axis=-1)
-
-    node_length = np.hypot(w[..., 0], w[..., 1])
-    equatorial = node_length < _CIRCULAR
-    raan = np.where(equatorial, 0.0, np.arctan2(w[..., 0], -w[..., 1]))
-    node = np.stack([np.cos(raan), np.sin(raan), np.zeros_like(raan)], axis=-1)
-    side = np.cross(w, node)
-    circular = e < _CIRCULAR
-    e = np.where(circular, 0.0, e)
-    perigee = np.where(circular, 0.0, np.arctan2((vector * side).sum(axis=-1), (vector * node).sum(axis=-1)))
-    true = np.arctan2((r * side).sum(axis=-1), (r * node).sum(axis=-1)) - perigee
-    anomaly = np.arctan2(np.sqrt(1 - e**2) * np.sin(true), e + np.cos(true))
-    turn = 2 * np.pi
-    return KeplerElements(
-        semi_major_axis=a,
-        eccentricity=e,
-        inclination=np.arctan2(node_length, w[..., 2]),
-        raan=np.mod(raan, turn),
-        argument_of_perigee=np.mod(perigee, turn),
-        mean_anomaly=np.mod(anomaly - e * np.sin(anomaly), turn),
-    )

@@ -74,12 +74,6 @@ class LevelWaypointPath:
         turned = _rotate(normal, axis, rate * (time - begin))
         return level_state(turned, rate * np.cross(axis, turned), np.array(self.height))
 
-    @property
-    def turns(self) -> list[tuple[float, float]]:
-        """Begin and end of every turn [s]."""
-        begin = self._segments[:, 0]
-        return [(float(begin[i]), float(begin[i + 1])) for i in range(1, len(begin) - 1, 2)]
-
 
 def _rotate(vector: Array, axis: Array, angle: float) -> Array:
     """Return a vector turned about a unit axis (Rodrigues)."""

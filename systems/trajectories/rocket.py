@@ -237,11 +237,6 @@ class RocketModel:
             bends |= {s.ignition, s.ignition + self.ramp, cutoff, cutoff + self.ramp, cutoff + self.separation}
         return np.array(sorted(bends))
 
-    def staging(self) -> Array:
-        """Return ignitions (but the first), cut-offs, in order [s]: when the acceleration jumps."""
-        times = [s.ignition for s in self.stages[1:]] + [c for c in self._cutoffs if math.isfinite(c)]
-        return np.array(sorted(times))
-
     def stage(self, time: float) -> int:
         """Return which stage is the lowest that is still attached, 0 for the first."""
         return min(sum(time >= c + self.separation for c in self._cutoffs), len(self.stages) - 1)

@@ -89,12 +89,6 @@ class WaypointPath:
         state[..., 4] = self.speed * np.sin(turned)
         return state
 
-    @property
-    def turns(self) -> list[tuple[float, float]]:
-        """Begin and end of every turn [s]."""
-        begin = self._segments[:, 0] / self.speed
-        return [(float(begin[i]), float(begin[i + 1])) for i in range(1, len(begin) - 1, 2)]
-
 
 def _segments(origin: Array, courses: Array, lengths: Array, turns: Array, cut: Array, radius: float) -> Array:
     """Return rows of begin along the path, x, y, course there, curvature: leg, turn, leg, turn, ..., leg."""

@@ -1,7 +1,5 @@
 """Tables of platforms: what stands, what moves, and what is refused."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,7 @@ from quietfix.diagrams.assembly.find import find
 from quietfix.diagrams.paths.functions import path_of
 from quietfix.diagrams.paths.movers import Geodetic, Platform, Track
 from quietfix.diagrams.paths.records import Setting
-from quietfix.diagrams.paths.tables import doubtful_table, platforms_of
+from quietfix.diagrams.paths.tables import doubtful_table
 from quietfix.diagrams.quantities.frame import EARTH_FIXED, INERTIAL, LOCAL
 from quietfix.diagrams.readers.platforms import read_platforms
 from quietfix.diagrams.schema.errors import UserError
@@ -47,9 +45,8 @@ def test_standing(folder):
     assert list(table.platforms) == ["north", "17"] and table.notes == ()
     np.testing.assert_array_equal(table.platforms["17"].places, [[-48.25, -170.5, 0.0]])
     assert table.platforms["17"].line == 3 and table.platforms["17"].rest is None
-    movers = platforms_of(folder / "s.csv")
     for frame in (EARTH_FIXED, INERTIAL):
-        one, other = path(movers["north"], folder, frame), path(Geodetic(48.5, 11, 500), folder, frame)
+        one, other = path(Platform("s.csv", "north"), folder, frame), path(Geodetic(48.5, 11, 500), folder, frame)
         np.testing.assert_array_equal(one(1.5), other(1.5))
 
 
@@ -157,11 +154,6 @@ def test_what_cannot_be_used_is_refused(folder, field, frame, said_):
     with pytest.raises(UserError) as caught:
         path(field, folder, frame, 4.0)
     assert str(caught.value).startswith(said_) and "\n" not in str(caught.value)
-
-
-def test_the_file_is_beside_the_scenario(folder):
-    movers = platforms_of(Path(folder) / "m.csv")
-    assert list(movers) == ["mast", "ship"] and movers["ship"].name == "ship"
 
 
 SYSTEM = """frame: local
