@@ -88,8 +88,7 @@ class Epochs(MeasurementModel):
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""
-        noise: Array = np.kron(np.eye(self._count), self._model.noise_covariance())
-        return noise
+        return np.kron(np.eye(self._count), self._model.noise_covariance()).astype(float, copy=False)
 
 
 def averaged(measurement: Array, sigma: Array) -> tuple[Array, Array]:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.diagrams.readers.data import Source
-from quietfix.diagrams.readers.instants import instant
 from quietfix.diagrams.readers.kiwisdr.stations import Station, file_of_stations, read_stations, same_name
 from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.earth.time_scales import to_posix
 from quietfix.systems.iq.kiwi import GpsRecording, KiwiFile, read_kiwi
 from quietfix.systems.iq.stamped import WEEK
 
@@ -182,7 +182,7 @@ def _files(folder: Path) -> list[_File]:
             continue
         text = match["time"]
         try:
-            posix = float(instant(f"{text[:4]}-{text[4:6]}-{text[6:11]}:{text[11:13]}:{text[13:]}")[0])
+            posix = float(to_posix(f"{text[:4]}-{text[4:6]}-{text[6:11]}:{text[11:13]}:{text[13:]}")[0])
         except ValueError:
             posix = np.nan
         found.append(_File(path, match["name"], float(match["frequency"]), posix))
