@@ -28,7 +28,7 @@ from quietfix.diagrams.readers.arrivals.cells import cell_rows, header_of, ident
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.earth.geodetic import geodetic_to_ecef
 
-__all__ = ["LocardsSet", "Receiver", "AircraftTrack", "holds_messages", "read_receivers", "read_set", "read_sets"]
+__all__ = ["AircraftTrack", "LocardsSet", "Receiver", "holds_messages", "read_receivers", "read_set", "read_sets"]
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from quietfix.diagrams.assembly.system import System
 from quietfix.diagrams.parts.recorded import RecordedStream
 from quietfix.diagrams.quantities.states import POSITION
 from quietfix.diagrams.readers.data import Source, data_folder
-from quietfix.diagrams.readers.locards_data import LocardsSet, AircraftTrack, holds_messages, read_sets
+from quietfix.diagrams.readers.locards_data import AircraftTrack, LocardsSet, holds_messages, read_sets
 from quietfix.diagrams.recorded.reports.locards_report import Piece, report
 from quietfix.diagrams.recorded.settings.locards_settings import FALLBACK_M, LEAST_M, Settings
 from quietfix.diagrams.recorded.settings.locards_sigma import residual_sigma

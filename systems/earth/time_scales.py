@@ -93,12 +93,12 @@ def to_tai(text: str, scale: str = "UTC", offsets: bool = False) -> tuple[int, f
     return _moment(minute + second + int(SCALES[scale]), digits)
 
 
-def to_posix(value: str | datetime) -> tuple[int, float]:
+def to_posix(text: str) -> tuple[int, float]:
     """Read a date with a time of day in UTC, where leap seconds do not matter.
 
     Parameters
     ----------
-    value : str or datetime
+    text : str
         As `to_tai` with an offset, which is honoured; without one it is taken to be UTC. Also before 1972.
 
     Returns
@@ -113,7 +113,7 @@ def to_posix(value: str | datetime) -> tuple[int, float]:
     ValueError
         As `to_tai`.
     """
-    minute, second, digits = _read(value.isoformat() if isinstance(value, datetime) else value.strip(), "UTC", True)
+    minute, second, digits = _read(text.strip(), "UTC", True)
     return _moment(minute + second, digits)
 
 

@@ -180,7 +180,7 @@ def test_what_does_not_fit(tmp_path, signals, files, capsys):
     assert "tuned 250000 Hz apart" in refused(capsys, [files[0], elsewhere])
     odd = write(tmp_path, "odd", signals[0])
     text = odd.read_text()
-    for new, said in ((json.dumps("soon"), "core:datetime: soon"), ('"2026-13-01T00:00:00Z"', "core:datetime")):
+    for new, said in ((json.dumps("soon"), "core:datetime: 'soon'"), ('"2026-13-01T00:00:00Z"', "core:datetime")):
         odd.write_text(text.replace('"core:sample_start": 0', f'"core:sample_start": 0, "core:datetime": {new}'))
         assert said in refused(capsys, [dated, odd])
     odd.write_text(text.replace("250000.0", '"fast"'))

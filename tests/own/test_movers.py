@@ -23,12 +23,11 @@ from quietfix.diagrams.paths.movers import (
     Waypoints,
 )
 from quietfix.diagrams.paths.records import Setting, old_elements
-from quietfix.diagrams.readers.instants import instant
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.schema.scenario import load, read_yaml
 from quietfix.systems.constants import EARTH_RATE
 from quietfix.systems.earth.geodetic import ecef_to_geodetic
-from quietfix.systems.earth.time_scales import to_tai
+from quietfix.systems.earth.time_scales import to_posix, to_tai
 from quietfix.systems.plants.sp3 import read_sp3
 from quietfix.systems.plants.sp3_records import in_tai
 from quietfix.systems.trajectories.gravity import GravityConstants
@@ -349,8 +348,8 @@ def test_bad_tracks_are_refused_in_one_line(tmp_path, text, said):
 
 
 def test_dates_need_no_quotes():
-    whole, rest = instant(read_yaml("start_utc: 2000-06-27T18:50:19.733568Z")["start_utc"])
-    assert (whole, rest) == instant(EPOCH)
+    whole, rest = to_posix(read_yaml("start_utc: 2000-06-27T18:50:19.733568Z")["start_utc"])
+    assert (whole, rest) == to_posix(EPOCH)
 
 
 def test_a_gap_in_the_run_is_refused_and_one_behind_it_is_not(folder):
