@@ -11,20 +11,19 @@ derived here, since many of the printed ones cannot be right. With :math:`e` the
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from quietfix.systems.angles.relative_kinematics import SightAxes, sight_axes
+from quietfix.systems.kernels.loading import ready
 from quietfix.systems.trajectories.gravity import GravityConstants, acceleration, energy, gradient
 
 __all__ = ["RangingEquation"]
 
 Array = NDArray[np.float64]
-
-Function = Callable[[Array], Array]
 
 _SMALLEST = 1e-24  # rad^2/s^2; keeps the outermost bracket finite when nothing turns
 
@@ -42,27 +41,48 @@ class _Line:
     mu: float
     bulge: float
 
+    @cached_property
+    def _rows(self) -> Array:
+        return np.array([a.ravel() for a in (self.p, self.d2, self.z, self.ez, self.turn, self.k)])
+
+    def _evaluate(self, slope: bool, s: Array) -> Array:
+        shape = np.broadcast_shapes(s.shape, self.p.shape)
+        if shape[:-1] != self.p.shape[:-1]:
+            lead = (*shape[:-1], 1)
+            lines = (np.broadcast_to(a, lead) for a in (self.p, self.d2, self.z, self.ez, self.turn, self.k))
+            return _Line(*lines, self.mu, self.bulge)._evaluate(slope, s)
+        places = _columns(np.broadcast_to(s, shape))
+        out = np.empty_like(places)
+        ready("ranging.line:evaluate")(slope, self._rows, self.mu, self.bulge, places, out)
+        return _uncolumns(out, shape)
+
     def value(self, s: Array) -> Array:
         """Return f, shape (..., m) for s (..., m)."""
-        square = s * s + self.d2
-        cube = square * np.sqrt(square)
-        out = self.turn * (s - self.p) - self.k - self.mu * s / cube
-        if self.bulge:
-            z = self.z + (s - self.p) * self.ez
-            out += self.bulge / (cube * square) * ((5 * z * z / square - 1) * s - 2 * z * self.ez)
-        return out
+        return self._evaluate(False, s)
 
     def slope(self, s: Array) -> Array:
         """Return df/dr; times :math:`r_T^5` it is the paper's Dm, (35) with its square restored."""
-        square = s * s + self.d2
-        fifth = square * square * np.sqrt(square)
-        out = self.turn - self.mu * (self.d2 - 2 * s * s) / fifth
-        if self.bulge:
-            z, ez = self.z + (s - self.p) * self.ez, self.ez
-            inner = (5 * z * z / square - 1) * s - 2 * z * ez
-            change = 10 * z * s / square * (ez - z * s / square) + 5 * z * z / square - 1 - 2 * ez * ez
-            out += self.bulge / fifth * (change - 5 * s / square * inner)
-        return out
+        return self._evaluate(True, s)
+
+    def halve(self, slope: bool, low: Array, high: Array, rising: Array, halvings: int = 52) -> Array:
+        """Return where f, or its slope, changes sign in intervals (..., m) in which it rises (1) or falls (-1).
+
+        Halving, not Newton's iteration: near a double root that is slow, and the slowest of all trials sets the pace.
+        52 times is to the last bit of the interval's length.
+        """
+        half = 0.5 * (high - low)
+        places = _columns(low + half)
+        ready("ranging.line:halve")(slope, self._rows, self.mu, self.bulge, rising, halvings, _columns(half), places)
+        return _uncolumns(places, half.shape)
+
+
+def _columns(array: Array) -> Array:
+    """Return (..., m) as (m, lines), a copy."""
+    return np.array(array.reshape(-1, array.shape[-1]).T, order="C")
+
+
+def _uncolumns(array: Array, shape: tuple[int, ...]) -> Array:
+    return np.array(array.T, order="C").reshape(shape)
 
 
 class RangingEquation:
@@ -134,20 +154,20 @@ class RangingEquation:
         """
         line = self._line(measurement, observer)
         d = np.sqrt(line.d2)
-        ratio = line.turn * line.d2 * d / line.mu
-        waves = ratio < 1
-        y = np.zeros_like(ratio)
-        for _ in range(9):
-            base = 1 + y
-            y = np.minimum(y + ((1 - 2 * y) - ratio * base**2.5) * base / (4.5 - 3 * y), 0.5)
-        s1 = d * np.sqrt(np.maximum(y, 0.0))
-        turning = np.concatenate([-s1, s1], axis=-1)
         if line.bulge:
-            waves = line.slope(np.zeros_like(s1)) < 0
+            waves = line.slope(np.zeros_like(d)) < 0
             # from 3e7 m to 2e-6 m: an extremum is flat, and where two roots all but meet neither is worth more
-            turning = _halve(
-                line.slope, np.concatenate([-d, 0 * d], -1), np.concatenate([0 * d, d], -1), [-1.0, 1.0], halvings=44
-            )
+            ends = np.concatenate([-d, 0 * d, d], axis=-1)
+            turning = line.halve(True, ends[..., :2], ends[..., 1:], np.array([-1.0, 1.0]), halvings=44)
+        else:
+            ratio = line.turn * line.d2 * d / line.mu
+            waves = ratio < 1
+            y = np.zeros_like(ratio)
+            for _ in range(9):
+                base = 1 + y
+                y = np.minimum(y + ((1 - 2 * y) - ratio * base**2.5) * base / (4.5 - 3 * y), 0.5)
+            s1 = d * np.sqrt(np.maximum(y, 0.0))
+            turning = np.concatenate([-s1, s1], axis=-1)
         first, second = turning[..., :1], turning[..., 1:]
         first, second = np.where(waves, first, line.p), np.where(waves, second, line.p)
         # beyond this the pull of the Earth is smaller than what the rest of f has gained
@@ -158,7 +178,7 @@ class RangingEquation:
         rising = np.array([1.0, -1.0, 1.0])
         with np.errstate(invalid="ignore"):
             inside = (high > low) & (line.value(low) * rising <= 0) & (line.value(high) * rising > 0)
-        root = _halve(line.value, np.where(inside, low, np.nan), high, rising) - line.p
+        root = line.halve(False, np.where(inside, low, np.nan), high, rising) - line.p
         return np.where(inside & (root > 0), root, np.nan)
 
     def naive_range(self, measurement: Array, observer: Array) -> Array:
@@ -287,18 +307,3 @@ def _position_rows(distance: Array, partials: Array, axes: SightAxes) -> Array:
     rows[..., 0] += r * axes.cosine[..., None] * axes.azimuthal
     rows[..., 1] += r * axes.elevational
     return rows
-
-
-def _halve(function: Function, low: Array, high: Array, rising: ArrayLike, halvings: int = 52) -> Array:
-    """Return the sign changes of a function that rises (1) or falls (-1) in each interval.
-
-    Halving, not Newton's iteration: near a double root that is slow, and the slowest of all trials sets the pace. 52
-    times is to the last bit of the interval's length.
-    """
-    sign = np.asarray(rising)
-    half = 0.5 * (high - low)
-    x = low + half
-    for _ in range(halvings):
-        half = 0.5 * half
-        x = x - np.copysign(half, function(x) * sign)
-    return x

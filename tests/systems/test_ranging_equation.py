@@ -43,6 +43,53 @@ def test_no_root_is_overlooked(j2):
     assert close.mean() < 0.01 and np.all(within >= changes)
 
 
+@pytest.mark.parametrize("j2", [False, True])
+def test_the_equation_is_that_of_the_vectors(j2):
+    """f and its slope, written with the accelerations; also where they are asked for at places of several lines."""
+    noisy, observer, _ = measurements(2, 7, 3, j2)
+    equation, place = RangingEquation(EARTH, j2), observer[..., None, :3]
+    distance = np.geomspace(1e3, 1e9, 60)
+    axes = sight_axes(noisy[..., 0], noisy[..., 1])
+    e = axes.radial[..., None, :]
+    turn = ((noisy[..., 2] * axes.cosine) ** 2 + noisy[..., 3] ** 2)[..., None]
+
+    def pulled(r):
+        return np.einsum("...i,...i->...", acceleration(place + r[..., None] * e, EARTH, j2), e)
+
+    own = np.einsum("...i,...i->...", acceleration(place, EARTH, j2), e)
+    expected = turn * distance + pulled(distance) - own - noisy[..., 5, None]
+    # sums of terms of up to 10 m/s^2 and, far away, of w2 r
+    slack = 1e-14 * (10 + turn * distance)
+    assert np.all(np.abs(equation.residual(distance, noisy, observer) - expected) < slack)
+    dr = 1e-4 * distance
+    change = turn + (pulled(distance + dr) - pulled(distance - dr)) / (2 * dr)
+    # central differences: 1e-8 of the third derivative, and rounding of 10 m/s^2 over the step
+    np.testing.assert_allclose(
+        equation.slope(distance, noisy, observer), change, rtol=1e-6, atol=1e-7 * np.abs(change).max()
+    )
+    several = np.stack([distance, 2 * distance])[:, None, None]
+    both = equation.residual(several, noisy, observer)
+    np.testing.assert_array_equal(both[1, ..., :], equation.residual(2 * distance, noisy, observer))
+
+
+@pytest.mark.parametrize("j2", [False, True])
+def test_halving_is_step_by_step(j2):
+    """To the bit what a loop over arrays makes of the equation; a line with NaN gives NaN and touches no other."""
+    noisy, observer, _ = measurements(4, 5, 2, j2)
+    noisy[1, 2] = np.nan
+    line = RangingEquation(EARTH, j2)._line(noisy, observer)
+    low = np.concatenate([line.p - 1e7, line.p + 1e5], axis=-1)
+    high, rising = np.add(low, [1e7, 7e7]), np.array([-1.0, 1.0])
+    for slope, function in ((False, line.value), (True, line.slope)):
+        half = 0.5 * (high - low)
+        x = low + half
+        for _ in range(52):
+            half = 0.5 * half
+            x = x - np.copysign(half, function(x) * rising)
+        np.testing.assert_array_equal(line.halve(slope, low, high, rising), x)
+        assert np.isnan(x[1, 2]).all() and np.isfinite(np.delete(x.reshape(-1, 2), 7, axis=0)).all()
+
+
 def test_how_many_roots():
     """Not "one to three" as the paper says: f(0) = -r'', so 1 or 3 where r'' > 0 and 0 or 2 where r'' < 0."""
     equation, exact, observer, _, _ = scene()
