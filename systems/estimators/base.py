@@ -176,7 +176,8 @@ class Estimator(EnsembleBlock):
         self._groups = [(group, self._places[group], (trials, size)) for group, size in sizes.items()]
         self._remembered = list(sizes)
         initial = np.full(begin + 3, np.nan)
-        initial[self._places["started"]] = 0.0
+        self._started = self._places["started"]
+        initial[self._started] = 0.0
         initial[-2:] = 0.0  # holds for this time; its measurement is used. Before them: begun at this time
         self._state = self.DeclareDiscreteState(initial)
         self._everyone = np.ones(trials, dtype=bool)
@@ -189,8 +190,8 @@ class Estimator(EnsembleBlock):
         self._posterior = self.declare_cached("posterior", type(self)._calc_posterior, {*now, *inputs})
         before, after = {self.cached_ticket(self._prior)}, {self.cached_ticket(self._posterior)}
         states, rows = components_of(self.motion), components_of(self.model)
-        self.declare_output("estimate", trials, n, lambda c: self.posterior_moments(c)[0], after, states)
-        self.declare_output("covariance", trials, n * n, lambda c: self.posterior_moments(c)[1], after)
+        self.declare_output("estimate", trials, n, lambda c: self._updated(c).moments(self.moments)[0], after, states)
+        self.declare_output("covariance", trials, n * n, lambda c: self._updated(c).moments(self.moments)[1], after)
         self.declare_output("prediction", trials, n, lambda c: self._prior_moments(c)[0], before, states)
         self.declare_output("prediction_covariance", trials, n * n, lambda c: self._prior_moments(c)[1], before)
         self.declare_output("innovation", trials, m, lambda c: self._updated(c).innovation.value, after, rows)
@@ -231,13 +232,16 @@ class Estimator(EnsembleBlock):
 
     def _calc_prior(self, context: Context) -> Remembered:
         """Return the memory predicted for now, or what is stored where the measurement of now is in it."""
+        return self._predicted(context, Now(context.get_time(), self.wiring.clock, self.draw, context))
+
+    def _predicted(self, context: Context, epoch: Now) -> Remembered:
         tally("prior", self)
         state = context.get_discrete_state(self._state).CopyToVector()
         memory = {group: state[place].reshape(shape) for group, place, shape in self._groups}
-        began = state[self._places["started"]]
+        began = state[self._started]
         # bytes are the fastest to compare, and mostly everyone has started
         started = self._everyone if began.tobytes() == self._all_begun else began > 0
-        now, stamp = context.get_time(), state.item(-2)
+        now, stamp = epoch.time, state.item(-2)
         if same_instant(now, stamp):
             innovation = Innovation(
                 state[self._places["value"]].reshape(started.size, -1),
@@ -246,7 +250,7 @@ class Estimator(EnsembleBlock):
             )
             return Remembered(memory, innovation, started, bool(state[-1]), now)
         if now > stamp:
-            memory = self.predict(memory, now - stamp, Now(now, self.wiring.clock, self.draw, context))
+            memory = self.predict(memory, now - stamp, epoch)
         return Remembered(memory, TO_COME, started, False, now)
 
     def _first(self, context: Context, stream: Array) -> tuple[Memory, Mask]:
@@ -271,10 +275,12 @@ class Estimator(EnsembleBlock):
     def _calc_posterior(self, context: Context) -> Remembered:
         """Return memory, innovation and which trials have started, after the measurement of now."""
         tally("posterior", self)
-        prior: Remembered = self.cached(context, self._prior) if self._prior_is_read else self._calc_prior(context)
+        epoch = Now(context.get_time(), self.wiring.clock, self.draw, context)
+        prior: Remembered
+        prior = self.cached(context, self._prior) if self._prior_is_read else self._predicted(context, epoch)
         if prior.current:
             return prior
-        memory, started, now = prior.memory, prior.started, prior.time
+        memory, started, now = prior.memory, prior.started, epoch.time
         stream = self.read(context, "measurement")
         measurement = stream[:, self._rows]
         if started is not self._everyone and not started.all():
@@ -292,7 +298,7 @@ class Estimator(EnsembleBlock):
             return Remembered(memory, self._nothing(), started, True, now)
         whitener = self._whitener if noise is None else Whitener(noise)
         observation = Observation(measurement, self._read_platforms(context), whitener)
-        updated, innovation = self.update(memory, observation, Now(now, self.wiring.clock, self.draw, context))
+        updated, innovation = self.update(memory, observation, epoch)
         if told is not None and not told.all():
             # Even an update by nothing rounds, and alone such a trial is not updated at all.
             updated = {
@@ -320,7 +326,7 @@ class Estimator(EnsembleBlock):
     ) -> None:
         state = discrete.get_mutable_value(self._state)
         if list(memory) == self._remembered:  # all of it, as it stands in the state
-            values = [value.ravel() for value in (*memory.values(), *innovation, started)]
+            values = [v if v.ndim == 1 else v.ravel() for v in (*memory.values(), *innovation, started)]
             np.concatenate(values, out=state[:-3])
         else:
             named = {**memory, **innovation._asdict(), "started": started}

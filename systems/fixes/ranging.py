@@ -11,8 +11,9 @@ derived here, since many of the printed ones cannot be right. With :math:`e` the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ __all__ = ["RangingEquation"]
 Array = NDArray[np.float64]
 
 _SMALLEST = 1e-24  # rad^2/s^2; keeps the outermost bracket finite when nothing turns
+_ALONG = ("p", "d2", "z", "ez", "turn", "k")  # what says where a line is and what was measured along it
 
 
 @dataclass(frozen=True)
@@ -43,14 +45,14 @@ class _Line:
 
     @cached_property
     def _rows(self) -> Array:
-        return np.array([a.ravel() for a in (self.p, self.d2, self.z, self.ez, self.turn, self.k)])
+        return np.array([getattr(self, name).ravel() for name in _ALONG])
 
     def _evaluate(self, slope: bool, s: Array) -> Array:
         shape = np.broadcast_shapes(s.shape, self.p.shape)
         if shape[:-1] != self.p.shape[:-1]:
             lead = (*shape[:-1], 1)
-            lines = (np.broadcast_to(a, lead) for a in (self.p, self.d2, self.z, self.ez, self.turn, self.k))
-            return _Line(*lines, self.mu, self.bulge)._evaluate(slope, s)
+            wider: dict[str, Any] = {name: np.broadcast_to(getattr(self, name), lead) for name in _ALONG}
+            return replace(self, **wider)._evaluate(slope, s)
         places = _columns(np.broadcast_to(s, shape))
         out = np.empty_like(places)
         ready("ranging.line:evaluate")(slope, self._rows, self.mu, self.bulge, places, out)
