@@ -76,7 +76,8 @@ class IqPairs:
         return float(next(iter(self.recordings.values()))[0].sample_rate)
 
     @property
-    def _samples(self) -> int:
+    def samples(self) -> int:
+        """Samples that are integrated."""
         return round(self.length * self._rate)
 
     @property
@@ -96,7 +97,7 @@ class IqPairs:
             int(np.floor((piece.duration - length - 2 * less) / every + 1e-9)) + 1 if piece.duration >= length else 0
             for piece, less in zip(common, spare, strict=True)
         ]
-        if self._samples < 64 or not any(counts):
+        if self.samples < 64 or not any(counts):
             longest = max((piece.duration for piece in common), default=0.0)
             raise ValueError(
                 f"recordings: {longest:.4g} s in common are not allowed; at least the {length:.4g} s that "
@@ -150,5 +151,5 @@ class IqPairs:
         """Return the signal of a recording with so many samples more on either side; it is played once."""
         block = name + (" with margin" if margin else "")
         if f"{block}.iq" not in bus:
-            bus.add(RecordedIq(self.recordings[name], self.plan.clock, self._samples, margin, block))
+            bus.add(RecordedIq(self.recordings[name], self.plan.clock, self.samples, margin, block))
         return f"{block}.iq"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -11,23 +11,22 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from quietfix.diagrams.assembly.bus import Bus
-from quietfix.diagrams.assembly.model import Assumed, Model
-from quietfix.diagrams.assembly.recorded import Recorded
+from quietfix.diagrams.assembly.model import Model
 from quietfix.diagrams.assembly.system import System
-from quietfix.diagrams.parts.iq_comparison import PairResult, pair_result, pieces
-from quietfix.diagrams.parts.iq_pairs import IqPairs
+from quietfix.diagrams.parts.iq_comparison import PairResult
 from quietfix.diagrams.readers.data import Source
 from quietfix.diagrams.readers.iq.any_file import read_iq
 from quietfix.diagrams.readers.iq.recording import IqRecording
-from quietfix.diagrams.recorded.iq_blocks import Alike, alike, check, lost
+from quietfix.diagrams.recorded.iq_blocks import Alike
+from quietfix.diagrams.recorded.iq_compared import Compared, compared, with_rates
 from quietfix.diagrams.recorded.locating.position import Heard, Located, locate
 from quietfix.diagrams.recorded.locating.receivers import Known, known_by_table, known_by_tracks
 from quietfix.diagrams.recorded.reports.iq_report import IqReport, rows_of
 from quietfix.diagrams.recorded.settings.iq_settings import Settings
 from quietfix.diagrams.schema.errors import UserError
-from quietfix.systems.ambiguity.estimate import CrossAmbiguity
-from quietfix.systems.sensors.joined import JoinedMeasurements, JoinedPart
+from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.studies.whole import join
+from quietfix.systems.ambiguity.clock_drift import ClockDrift
 
 __all__ = ["SOURCE", "SYSTEM", "Settings", "declare", "declare_recordings"]
 
@@ -37,24 +36,6 @@ SOURCE = Source(
     several=True,
     truth=False,
 )
-
-
-@dataclass(frozen=True, eq=False)
-class _Joined:
-    """All pairs side by side."""
-
-    pairs: Sequence[tuple[int, int]]
-
-    def __call__(self, bus: Bus) -> None:
-        """See `quietfix.diagrams.assembly.model.Part`."""
-        takes: dict[str, str] = {}
-        for i, j in self.pairs:
-            takes |= {f"pair_{j}{i}": f"measurement_{j}{i}"}
-            takes |= {f"pair_{j}{i}_noise_covariance": f"noise_covariance_{j}{i}"}
-        joined = JoinedMeasurements(
-            {f"pair_{j}{i}": JoinedPart(2) for i, j in self.pairs}, 1, "all pairs, side by side"
-        )
-        bus.add(joined, gives={port: port for port in ("measurement", "noise_covariance")}, takes=takes)
 
 
 def declare(settings: Settings) -> Model:
@@ -76,46 +57,39 @@ def declare_recordings(recordings: Sequence[IqRecording], settings: Settings) ->
     UserError
         If there are fewer than two, they do not fit each other, or a setting is not allowed.
     """
-    if len(recordings) < 2:
-        raise UserError(f"FILE: {len(recordings)} recording(s) are not allowed; two or more are compared")
-    heard = alike(recordings, settings)
-    known = _known(heard, settings)
-    common = pieces(list(heard.blocks.values()))
-    if not common:
-        raise UserError("FILE: the recordings have no time in common; they must overlap (core:datetime)")
-    shared = max(piece.duration for piece in common)
-    length = settings.integration_s or min(0.1, shared / 16)
-    every = settings.every_s or length
-    check(common, settings, every, shared)
-    pairs = [(heard.reference, j) for j in range(len(heard.blocks)) if j != heard.reference]
-    try:
-        function = CrossAmbiguity(prefilter=settings.prefilter, confidence=settings.confidence, follow_rate=False)
-        compared = IqPairs(heard.blocks, pairs, function, settings.window, length, every)
-    except ValueError as error:
-        raise UserError(f"iq: {error}") from error
-    gaps = [*heard.notes, *lost(recordings, heard.blocks, common, compared.plan.short)]
-    names = list(heard.blocks)
+    one = compared(recordings, settings)
+    known = _known(one.heard, settings)
+    still = known is not None and not known.moving and settings.position.speed_mps == 0
+    drifts: dict[str, ClockDrift] = {}
+    if settings.clocks == "corrected":
+        drifts = _drifts(one, settings, still)
+        one = compared(with_rates(recordings, list(one.heard.blocks), _rates(drifts)), settings)
 
     def report(result: xr.Dataset) -> IqReport:
-        found = [pair_result(names, pair, result) for pair in pairs]
         times = result["time"].values
-        told = IqReport(settings, heard.began is not None, length, times, found, gaps, heard.began)
+        found, said = one.results(result), []
+        if settings.clocks == "corrected":
+            found = [_inflated(one, pair, times, drifts) for pair in found]
+            said = _corrected(drifts, list(one.heard.blocks))
+        else:
+            said = one.drift_lines(one.drifts(times, found, still), still)
+        told = IqReport(
+            settings=settings,
+            dated=one.heard.began is not None,
+            length=one.length,
+            times=times,
+            pairs=found,
+            gaps=[*one.gaps, *said],
+            began=one.heard.began,
+            phases=one.phases(result),
+        )
         if known is None:
             return told
         folder = TemporaryDirectory(prefix="quietfix-")
-        located = _located(heard, known, settings, times, found, Path(folder.name))
+        located = _located(one, known, settings, times, found, Path(folder.name))
         return replace(told, located=located, written=None if located.report is None else folder)
 
-    return Model(
-        clock=compared.plan.clock,
-        duration=compared.plan.end,
-        divergence=0.0,
-        parts=[compared, _Joined(pairs)],
-        assume=_nothing,
-        signals={name: name for name in (*compared.signals, "noise_covariance")},
-        rows=[f"{kind}_{j}{i}" for i, j in pairs for kind in ("tdoa", "fdoa")],
-        recorded=Recorded(report=report, keeps=["measurement", *compared.signals]),
-    )
+    return one.model(report)
 
 
 def _known(heard: Alike, settings: Settings) -> Known | None:
@@ -125,25 +99,59 @@ def _known(heard: Alike, settings: Settings) -> Known | None:
     return known_by_tracks(heard.tracks, heard.began)
 
 
+def _drifts(one: Compared, settings: Settings, still: bool) -> dict[str, ClockDrift]:
+    """Return what the clocks drift, by a comparison of the recordings as they are."""
+    found: list[dict[str, ClockDrift]] = []
+
+    def look(result: xr.Dataset) -> IqReport:
+        times, pairs = result["time"].values, one.results(result)
+        found.append(one.drifts(times, pairs, still))
+        return IqReport(settings, False, one.length, times, pairs)
+
+    study = Study(SYSTEM, scenario=settings, model=one.model(look))
+    study.report(join(list(study.chunks())))
+    return found[0]
+
+
+def _rates(drifts: Mapping[str, ClockDrift]) -> dict[str, float]:
+    return {name: drift.rate for name, drift in drifts.items()}
+
+
+def _inflated(one: Compared, pair: PairResult, times: Any, drifts: Mapping[str, ClockDrift]) -> PairResult:
+    """Return differences whose sigmas tell of the drift that was taken away, too."""
+    drift = drifts.get(pair.auxiliary)
+    if drift is None:
+        return pair
+    factor = drift.inflation(one.since(pair.auxiliary, times), np.where(pair.good, pair.sigma_tdoa, np.nan))
+    return replace(pair, sigma_tdoa=factor * pair.sigma_tdoa)
+
+
+def _corrected(drifts: Mapping[str, ClockDrift], names: Sequence[str]) -> list[str]:
+    """Return what was taken away, in words."""
+    if not drifts:
+        return ["clocks: nothing is corrected; that takes four comparisons and core:frequency, or places that stand"]
+    return [
+        f"{name}: its sample clock was taken to run {1e6 * drift.rate:.4g} +- {1e6 * drift.sigma:.2g} ppm fast from "
+        "its first sample on, and corrected; the sigmas of TDOA tell of that"
+        for name, drift in drifts.items()
+    ]
+
+
 def _located(
-    heard: Alike, known: Known, settings: Settings, times: Any, pairs: Sequence[PairResult], folder: Path
+    one: Compared, known: Known, settings: Settings, times: Any, pairs: Sequence[PairResult], folder: Path
 ) -> Located:
     rows = rows_of(pairs)
     coherence = np.concatenate([pair.coherence[pair.good] for pair in pairs])
     said = Heard(
-        reference=list(heard.blocks)[heard.reference],
-        carrier=float(next(iter(heard.blocks.values()))[0].centre_frequency),
-        began=heard.began,
+        reference=list(one.heard.blocks)[one.heard.reference],
+        carrier=one.carrier,
+        began=one.heard.began,
         times=times,
         tdoa=rows[: len(pairs)],
         fdoa=rows[len(pairs) :],
         coherence=float(np.median(coherence)) if coherence.size else 0.0,
     )
     return locate(said, known, settings.position, folder)
-
-
-def _nothing(bus: Bus, name: str, options: Any) -> Assumed:
-    raise UserError(f"estimators.{name}: it is not allowed; nothing is estimated of I/Q recordings alone")
 
 
 SYSTEM = System(

@@ -18,6 +18,8 @@ from quietfix.systems.iq.resample import resampled
 
 __all__ = ["Alike", "alike", "check", "lost"]
 
+_AS_LOW = 1.001
+
 Parts = list[IqBlock]
 
 
@@ -53,7 +55,7 @@ class Alike:
 
 
 def alike(recordings: Sequence[IqRecording], settings: Settings) -> Alike:
-    """Return recordings in one time and at the lowest of their sample rates.
+    """Return recordings in one time and at one sample rate: the lowest, or one as low as that.
 
     Raises
     ------
@@ -68,7 +70,10 @@ def alike(recordings: Sequence[IqRecording], settings: Settings) -> Alike:
     first = min(dated, default=(0, 0.0))
     receivers = named([one.name for one in recordings], settings.receivers)
     rates = [one.sample_rate for one in recordings]
-    rate = min(rates)
+    chosen = choose("reference", settings.reference or receivers[0], receivers)
+    reference = receivers.index(chosen)
+    # the reference's own, but for a much lower one: nothing is to be made up
+    rate = rates[reference] if rates[reference] <= _AS_LOW * min(rates) else min(rates)
     blocks: dict[str, Parts] = {}
     channels: dict[str, list[Parts]] = {}
     tracks: dict[str, ReceiverTrack | None] = {}
@@ -85,16 +90,14 @@ def alike(recordings: Sequence[IqRecording], settings: Settings) -> Alike:
     notes = []
     if len(set(rates)) > 1:
         others = [f"{n} {r:.10g} Hz" for n, r in zip(receivers, rates, strict=True) if r != rate]
-        notes.append(f"resampled to {rate:.10g} Hz, the lowest sample rate: {', '.join(others)}")
+        notes.append(f"resampled to {rate:.10g} Hz: {', '.join(others)}")
     began = None
     if dated:
         try:
             began = posix_to_tai(first[0]), first[1]
         except ValueError as error:
             raise UserError(f"FILE: core:datetime: {error}") from error
-    chosen = settings.reference or receivers[0]
     names = {receiver: one.name for receiver, one in zip(receivers, recordings, strict=True)}
-    reference = receivers.index(choose("reference", chosen, receivers))
     return Alike(blocks, channels, names, reference, began, tracks, notes)
 
 

@@ -22,6 +22,7 @@ __all__ = ["Epochs", "StandingFix", "averaged", "standing_fix"]
 Array = NDArray[np.float64]
 
 _AS_GOOD = 9.21  # more of the cost: 99 % of chi-square with two degrees of freedom
+_LARGER = (1.0, 10.0, 100.0, 1000.0)
 _APART = 25.0  # squared distance in sigmas; nearer, it is the same minimum
 
 
@@ -135,12 +136,21 @@ def standing_fix(
     for k, one in enumerate(scale):  # a few dozen epochs
         own = slice(k * one.size, (k + 1) * one.size)
         noise[own, own] = one[:, None] * base * one
-    fix = snapshot_fix(
-        measurement.reshape(1, -1), platforms.reshape(1, -1, 6), Epochs(model, count), noise, starts[:, None, :]
-    )
-    position, covariance, cost = fix.position, fix.covariance, fix.cost
-    found = np.flatnonzero(np.isfinite(cost))
-    if not found.size:
+    # Rows that contradict each other by many sigmas have a minimum that is reached slowly: with larger sigmas it is the
+    # same one, and the same change of its cost is a longer step.
+    for larger in _LARGER:
+        fix = snapshot_fix(
+            measurement.reshape(1, -1),
+            platforms.reshape(1, -1, 6),
+            Epochs(model, count),
+            larger**2 * noise,
+            starts[:, None, :],
+        )
+        position, covariance, cost = fix.position, fix.covariance / larger**2, fix.cost * larger**2
+        found = np.flatnonzero(np.isfinite(cost))
+        if found.size:
+            break
+    else:
         return StandingFix(np.full(3, np.nan), np.full((3, 3), np.nan), np.nan, float(fix.dof[0]), np.empty((0, 3)))
     order = found[np.argsort(cost[found], kind="stable")]
     kept = [int(order[0])]

@@ -24,11 +24,14 @@ class Segment:
         To which the receiver was tuned [Hz]; 0 where the file does not say.
     begin : float
         Since the first sample of the recording [s].
+    dated : bool
+        Whether a date says so, instead of the samples since then.
     """
 
     samples: NDArray[np.complex64]
     frequency: float
     begin: float
+    dated: bool = False
 
 
 @dataclass(frozen=True, eq=False)

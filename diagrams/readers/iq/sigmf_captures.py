@@ -69,6 +69,8 @@ class Part:
         Since the first sample of the recording [s].
     header : int
         Bytes in the file before it that are no samples.
+    dated : bool
+        Whether a date says when it begins, instead of the samples since the first one.
     """
 
     first: int
@@ -76,6 +78,7 @@ class Part:
     frequency: float
     begin: float
     header: int
+    dated: bool
 
 
 def captures_of(
@@ -202,13 +205,14 @@ def parts_of(captures: Sequence[Capture], rate: float) -> tuple[list[Part], tupl
     dated = next((one for one in captures if one.stamp is not None), None)
     parts: list[Part] = []
     begins: list[float] = []
-    begin = 0.0
+    begin, counted = 0.0, True
     for i, one in enumerate(captures):
         if i:
             before = captures[i - 1]
             begin += (one.index - before.index) / rate
             if dated is not None and one.stamp is not None and one is not dated:
-                begin = _dated(one, begin, _since(one, dated, captures, rate), rate)
+                told = _dated(one, begin, _since(one, dated, captures, rate), rate)
+                begin, counted = told, counted and told == begin
             over = begin - (parts[-1].begin + parts[-1].count / rate)
             if over < -0.5 / rate:
                 raise ValueError(
@@ -222,7 +226,7 @@ def parts_of(captures: Sequence[Capture], rate: float) -> tuple[list[Part], tupl
                 begins.append(begin)
                 continue
         begins.append(begin)
-        parts.append(Part(one.first, one.count, one.frequency, begin, one.header))
+        parts.append(Part(one.first, one.count, one.frequency, begin, one.header, not counted))
     if dated is None or dated.stamp is None:
         return parts, None, begins
     lead = (dated.index - captures[0].index) / rate

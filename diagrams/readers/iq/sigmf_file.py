@@ -234,7 +234,7 @@ def _segments(
         tuned = part.frequency if kind.complex else part.frequency + 0.25 * rate
         for own, samples in zip(found, segments_of(raw, channels, kind.complex, kind.numbers), strict=True):
             if samples.size:
-                own.append(Segment(samples, tuned, part.begin))
+                own.append(Segment(samples, tuned, part.begin, part.dated))
     return tuple(tuple(own) for own in found)
 
 

@@ -127,6 +127,8 @@ def locate(heard: Heard, known: Known, settings: PositionSettings, folder: Path)
         fix = _fix(file)
         if not np.isfinite(fix.position).all():
             file.unlink()
+            if fix.dof >= 0 and (len(tdoa) > 1 or known.moving):
+                return Located(None, [*notes, "no fix: the rows contradict each other; no place fits them"])
             return Located(None, [*notes, _undetermined(tdoa, bool(height), known)])
         file.write_text(f"{text}start: {_given(fix, settings)}\n", encoding="utf-8")
         notes += _ambiguous(fix, settings)
