@@ -23,6 +23,7 @@ import yaml
 
 from tests.faults import formats
 from tests.peak_memory import peak_bytes
+from tests.readers import test_iq_wav
 
 MOST_SECONDS = 10  # of processor time, so that a busy machine makes no fault
 MOST_BYTES = 3_000_000_000  # of data, where a run ends by force; what is asked for is `MOST_RESIDENT`
@@ -200,24 +201,80 @@ META = {
         "core:datatype": "cf32_le",
         "core:sample_rate": 1000.0,
         "core:version": "1.2.0",
-        "core:num_channels": 1,
+        "core:num_channels": 2,
         "core:offset": 0,
+        "core:dataset": "a.sigmf-data",
+        "core:trailing_bytes": 3,
+        "core:metadata_only": False,
+        "core:geolocation": {"type": "Point", "coordinates": [11.5, 48.1, 500.0]},
     },
     "captures": [
         {"core:sample_start": 0, "core:frequency": 1e6, "core:datetime": "2026-03-01T12:00:00.5Z"},
-        {"core:sample_start": 8, "core:frequency": 1e6, "core:datetime": "2026-03-01T12:00:00.508Z"},
+        {
+            "core:sample_start": 800,
+            "core:global_index": 900,
+            "core:header_bytes": 5,
+            "core:frequency": 1e6,
+            "core:datetime": "2026-03-01T12:00:01.400Z",
+            "core:geolocation": {"type": "Point", "coordinates": [11.6, 48.1]},
+        },
     ],
     "annotations": [{"core:sample_start": 2, "core:sample_count": 4}],
 }
 
 
-def sigmf(rng, folder):
-    from quietfix.diagrams.readers.iq.sigmf_file import read_sigmf
+def hear(folder, name):
+    """Read a recording, and prepare its comparison with itself, 2 ms of a kilohertz."""
+    from quietfix.diagrams.readers.iq.any_file import read_iq
+    from quietfix.diagrams.recorded.iq_compared import compared
+    from quietfix.diagrams.recorded.settings.iq_settings import Settings
 
-    np.zeros(16, np.complex64).tofile(folder / "a.sigmf-data")
+    found = read_iq(folder / name)
+    compared([found[0], *found], Settings(integration_s=0.1, half_delay_us=2000.0, half_frequency_hz=50.0))
+
+
+def sigmf(rng, folder):
+    body = np.random.default_rng(1).standard_normal(2 * 2 * 1600).astype("<f4").tobytes()
+    (folder / "a.sigmf-data").write_bytes(body[:12800] + bytes(5) + body[12800:] + bytes(3))
+    if rng.random() < 0.1:
+        about = {"collection": {"core:version": "1.2.0", "core:streams": [{"name": "a"}]}}
+        (folder / "a.sigmf-meta").write_text(json.dumps(META))
+        (folder / "b.sigmf-collection").write_text(json.dumps(spoil(about, rng)))
+        hear(folder, "b.sigmf-collection")
+        return
     text = json.dumps(spoil(META, rng)).encode()
     (folder / "a.sigmf-meta").write_bytes(spoil_bytes(text, rng) if rng.random() < 0.3 else text)
-    read_sigmf(folder / "a.sigmf-meta")
+    hear(folder, "a.sigmf-meta")
+
+
+def wav(rng, folder):
+    kind, bits = rng.choice([(1, 8), (1, 16), (1, 24), (1, 32), (3, 32), (3, 64)])
+    samples = np.random.default_rng(2).uniform(-0.5, 0.5, (400, 2)).view(complex)
+    content = test_iq_wav.wav(samples, kind, bits, test_iq_wav.auxi(), rng.random() < 0.5, rate=1000)
+    head = content.index(b"data") + 8
+    spoilt = bytearray(content)
+    for _ in range(rng.choice([0, 1, 2])):
+        at = rng.randrange(head)
+        spoilt[at] = rng.choice([0, 1, 2, 255, 128, rng.randrange(256)])
+    content = bytes(spoilt)
+    if rng.random() < 0.4:
+        content = spoil_bytes(content[:head], rng) + content[head:]
+    (folder / "a.wav").write_bytes(spoil_bytes(content, rng) if rng.random() < 0.2 else content)
+    hear(folder, "a.wav")
+
+
+def iq(rng, folder):
+    """The whole way: SigMF metadata spoilt, compared and located by the command."""
+    sigmf_files = ["a.sigmf-meta", "b.sigmf-meta", "c.sigmf-meta"]
+    both = np.random.default_rng(3).standard_normal(4000).astype("<f4")
+    for i, name in enumerate(sigmf_files):
+        (folder / name.replace("meta", "data")).write_bytes(both.tobytes())
+        place = {"type": "Point", "coordinates": [11.5 + 0.1 * i, 48.1 + 0.1 * i * i, 500.0]}
+        about = {"core:datatype": "cf32_le", "core:sample_rate": 1e5, "core:geolocation": place}
+        when = {"core:sample_start": 0, "core:frequency": 1e6, "core:datetime": "2026-03-01T12:00:00.500000Z"}
+        meta = {"global": about, "captures": [when], "annotations": []}
+        (folder / name).write_text(json.dumps(spoil(meta, rng) if i == 1 else meta))
+    command("replay", "iq", *(folder / name for name in sigmf_files), "--set", "integration_s=0.005")
 
 
 def sp3_text():
@@ -275,7 +332,9 @@ def command_quietly(*arguments):
 
 
 FORMATS = (formats.tdm, formats.oem, formats.gpx, formats.platforms)
-KINDS = {one.__name__: one for one in (scenario, requirements, bearings, locards, sigmf, sp3, *FORMATS, attributes)}
+KINDS = {
+    one.__name__: one for one in (scenario, requirements, bearings, locards, sigmf, wav, iq, sp3, *FORMATS, attributes)
+}
 
 
 # ------------------------------------------------------------------------------------------------------- judging
@@ -296,7 +355,7 @@ def judged(kind, number, folder):
         # verify: 1 and 3 are verdicts
         return "ran", None if end.code in (0, 1, 3) else f"status {end.code}: {said.getvalue()[:500]}"
     except ValueError as error:  # of a reader
-        readers = ("locards", "sigmf", "sp3", *(one.__name__ for one in FORMATS))
+        readers = ("locards", "sigmf", "wav", "sp3", *(one.__name__ for one in FORMATS))
         good = kind in readers and "\n" not in str(error)
         return "refused", None if good else traceback.format_exc()[-1500:]
     except Slow:

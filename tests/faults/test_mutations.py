@@ -15,9 +15,10 @@ from tests.faults import formats, mutations
 
 ROOT = Path(__file__).parents[2]
 MOST_RESIDENT = 1_000_000_000  # bytes
-FEW = {"scenario": 16, "requirements": 5, "bearings": 5, "locards": 4, "sigmf": 6, "sp3": 4}
+FEW = {"scenario": 16, "requirements": 5, "bearings": 5, "locards": 4, "sigmf": 40, "wav": 40, "iq": 2, "sp3": 4}
 FEW |= {"tdm": 40, "oem": 40, "gpx": 40, "platforms": 40}  # a millisecond each
-MANY = {"scenario": 150, "requirements": 40, "bearings": 25, "locards": 15, "sigmf": 30, "sp3": 20, "attributes": 20}
+MANY = {"scenario": 150, "requirements": 40, "bearings": 25, "locards": 15, "sp3": 20, "attributes": 20}
+MANY |= {"sigmf": 200, "wav": 200, "iq": 15}
 MANY |= {"tdm": 200, "oem": 200, "gpx": 200, "platforms": 200}
 
 
@@ -56,7 +57,7 @@ def test_what_is_spoilt_is_good_before(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(mutations, "spoil_bytes", lambda content, rng: content)
     monkeypatch.setattr(mutations, "spoil_table", lambda text, rng: text)
     monkeypatch.setattr(formats, "spoilt", lambda text, rng, spoil_bytes: text.encode())
-    for kind in ("requirements", "bearings", "locards", "sigmf", "tdm", "oem", "gpx", "platforms"):
+    for kind in ("requirements", "bearings", "locards", "sigmf", "wav", "iq", "tdm", "oem", "gpx", "platforms"):
         assert mutations.judged(kind, 1, tmp_path) == ("ran", None), kind
     (tmp_path / "o.sp3").write_text(mutations.sp3_text())
     assert read_sp3(tmp_path / "o.sp3").times.size == 14
