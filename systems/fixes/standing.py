@@ -87,6 +87,12 @@ class Epochs(MeasurementModel):
         one, other = (np.broadcast_to(values, whole).reshape(shape) for values in (measured, predicted))
         return self._model.residual(one, other).reshape(whole)
 
+    def platforms_used(self, platforms: int) -> NDArray[np.bool_]:
+        """Rows of an epoch need its platforms only."""
+        each = self._model.platforms_used(platforms // self._count)
+        used: NDArray[np.bool_] = np.kron(np.eye(self._count, dtype=bool), each)
+        return used
+
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""
         return np.kron(np.eye(self._count), self._model.noise_covariance()).astype(float, copy=False)

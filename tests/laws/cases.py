@@ -28,6 +28,7 @@ from quietfix.systems.filters.modified_gain import ModifiedGainKalman
 from quietfix.systems.filters.robust import StudentRows
 from quietfix.systems.filters.unscented import UnscentedKalman
 from quietfix.systems.fixes.ranged_position import RangedPosition
+from quietfix.systems.fixes.standing import Epochs
 from quietfix.systems.geometry.wave_path import WavePath
 from quietfix.systems.measurement.altitude import Altitude
 from quietfix.systems.measurement.chosen import ChosenRows
@@ -247,6 +248,7 @@ MEASUREMENTS = {
     "azimuth over the horizon": (HorizonBearing(0.02, platform=2), "stations"),
     "azimuth and elevation over the horizon": (HorizonBearing(0.02, 0.01, platform=1), "stations"),
     "frequency": (Frequency(2.0, 4e8, [1, 3]), "stations"),
+    "five epochs of one platform": (Epochs(Stack([Range(5.0, [0]), RangeRate(0.03, [0])]), 5), "stations"),
     "component": (Component(2, 30.0, "height", "m"), "stations"),
     "chosen rows": (
         ChosenRows(Stack([HorizonBearing(0.02, 0.01, platform=1), Range(5.0, [0, 2, 3])]), ["range_2", "azimuth"]),
