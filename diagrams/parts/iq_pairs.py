@@ -137,11 +137,11 @@ class IqPairs:
         names = list(self.recordings)
         ticks = self.plan.clock.ticks(self.plan.end)
         clock = Times(ticks[ticks.size // 2 : ticks.size // 2 + 1])
-        heard = [RecordedIq(self.recordings[name], clock, self._samples, self._margin) for name in names]
+        heard = [RecordedIq(self.recordings[name], clock, self.samples, self._margin) for name in names]
         variance = np.full((len(names), len(names)), np.nan)
         for i, j in self.pairs:
             main, auxiliary = (heard[k].block_at(float(clock.ticks(np.inf)[0])) for k in (i, j))
-            found = replace(self.function, samples=self._samples)(main, auxiliary, self.window)
+            found = replace(self.function, samples=self.samples)(main, auxiliary, self.window)
             variance[i, j] = variance[j, i] = found.variance[0, 0] if found.good[0] else np.inf
         typical = np.nanmedian(variance, axis=1)
         best = int(np.argmin(typical))
