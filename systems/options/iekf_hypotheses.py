@@ -6,12 +6,11 @@ from typing import ClassVar
 from quietfix.systems.documented import count, number
 from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.hypothesis_bank import HypothesisBank, phases_of
-from quietfix.systems.estimators.options import EstimatorOptions
 from quietfix.systems.estimators.wiring import Wiring
-from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.measurement.stack import Stack
 from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.options.iekf import Iekf
 from quietfix.systems.starts.hypotheses_start import HypothesesStart
 from quietfix.systems.starts.known_height_start import KnownHeightStart
 from quietfix.systems.starts.start import Start
@@ -20,7 +19,7 @@ __all__ = ["IekfHypotheses"]
 
 
 @dataclass(frozen=True)
-class IekfHypotheses(EstimatorOptions):
+class IekfHypotheses(Iekf):
     """Iterated extended Kalman filters for all phase integers that the start allows, until one explains the data.
 
     It resolves wrapped phases itself. Without phases, or with another start than two TDOAs and an assumed height,
@@ -29,14 +28,11 @@ class IekfHypotheses(EstimatorOptions):
 
     resolves_phases: ClassVar[bool] = True
 
-    max_iterations: int = count("at most so many linearisations per update; 1 is the EKF", 10)
-    tolerance: float = number("stop rule ||x_{j+1} - x_j|| <= tolerance, SI units mixed", 1e-2, above=0)
     hypotheses: int = count("most hypotheses kept in a trial", 24)
     least_weight: float = number("a hypothesis with less probability than this is dropped", 1e-5, above=0, at_most=0.5)
 
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""
-        algorithm = IteratedExtendedKalman(self.max_iterations, self.tolerance)
         phases = phases_of(model)
         if phases and isinstance(start, KnownHeightStart):
             start = HypothesesStart(
@@ -48,4 +44,4 @@ class IekfHypotheses(EstimatorOptions):
                 start.sigma_satellite,
                 self.hypotheses,
             )
-        return HypothesisBank(name, algorithm, model, motion, start, wiring, self.least_weight)
+        return HypothesisBank(name, self.algorithm(motion), model, motion, start, wiring, self.least_weight)

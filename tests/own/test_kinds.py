@@ -1,6 +1,7 @@
 """What holds for every kind of measurement in the table, a new one too: nothing is to be listed here for it."""
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -82,3 +83,5 @@ def test_its_sensor_has_a_clock_and_its_fields(kind):
     names = [field.name for field in dataclasses.fields(sensor)]
     assert names == [field.name for kind_ in (Timed, kind) for field in dataclasses.fields(kind_)]
     assert sensor.__doc__ == kind.__doc__
+    there = read(sensor, {"every_s": 3.0})
+    assert pickle.loads(pickle.dumps(there)) == there  # as a pool of processes hands a scenario on

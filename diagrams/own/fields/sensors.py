@@ -46,6 +46,16 @@ def _timed(kind: type[MeasurementKind]) -> Any:
     return made
 
 
+_SENSORS = {kind.__name__: _timed(kind) for kind in KINDS}
+
+
+def __getattr__(name: str) -> Any:
+    """Return the sensor of a kind by its name, as what imports or unpickles it asks for."""
+    if name in _SENSORS:
+        return _SENSORS[name]
+    raise AttributeError(f"module {__name__} has no attribute {name}")
+
+
 if TYPE_CHECKING:
     Kind = MeasurementKind
 else:
@@ -65,5 +75,5 @@ class Joint(Timed):
 if TYPE_CHECKING:
     Sensor = TimedKind | Joint
 else:
-    Sensor = reduce(or_, [*map(_timed, KINDS), Joint])
+    Sensor = reduce(or_, [*_SENSORS.values(), Joint])
 """Whatever measures."""
