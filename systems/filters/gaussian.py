@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.square_root import Posterior
-from quietfix.systems.linear_algebra import symmetric
+from quietfix.systems.kernels.equations import are_own
+from quietfix.systems.kernels.updating import by_kernel, by_matrix
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 
@@ -61,6 +62,10 @@ def predict_extended(mean: Array, covariance: Array, motion: MotionModel, dt: fl
 
     Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, ch. 5 and 10.
     """
-    phi = motion.transition(mean, dt)
-    spread = phi @ covariance @ np.swapaxes(phi, -1, -2)
-    return motion.propagate(mean, dt), symmetric(spread) + motion.process_noise(mean, dt)
+    step = motion.equations(dt) if are_own(type(motion)) else None
+    if step is not None:
+        return by_kernel(mean, covariance, step, motion.held)
+    phi, noise = motion.transition(mean, dt), motion.process_noise(mean, dt)
+    if motion.linear and not motion.input_size:
+        return by_matrix(mean, covariance, phi, noise)
+    return motion.propagate(mean, dt), by_matrix(None, covariance, phi, noise)[1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,20 +13,14 @@ from numpy.typing import NDArray
 
 from quietfix.systems.kernels.loading import address
 
-__all__ = ["Equations", "Program", "equations_of", "joined", "of_kernel", "program"]
+__all__ = ["Equations", "Program", "Step", "are_own", "equations_of", "joined", "of_kernel", "program", "step"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Kernel = str | Callable[..., Any]
 
-_OTHER_THAN_EQUATIONS = {
-    "noise_covariance",
-    "noise_covariance_at",
-    "modified_gain",
-    "platforms_used",
-    "represent",
-    "only",
-}
+_OTHER_THAN_EQUATIONS = {"names", "units", "nominal", "noise_covariance", "noise_covariance_at", "modified_gain"}
+_OTHER_THAN_EQUATIONS |= {"platforms_used", "represent", "only", "initial_input", "next_input"}
 
 
 @dataclass(frozen=True)
@@ -144,16 +139,46 @@ def program(model: Any) -> Program | None:
 
 
 def equations_of(model: Any) -> Equations | None:
-    """Return a model's ``equations()``, or None where it has none.
+    """Return a measurement model's ``equations()``, or None where it has none, or not its own (`are_own`)."""
+    return model.equations() if are_own(type(model)) else None
 
-    A class that overrides a method by which the class whose equations it inherits says what it measures has none: what
-    it says itself holds.
+
+@lru_cache(maxsize=1024)
+def are_own(kind: Any) -> bool:
+    """Return whether the ``equations`` of a class are its own.
+
+    One that overrides another method by which the class that it inherits them from says what it measures, or how it
+    moves, has none: what it says itself holds.
     """
-    order = type(model).__mro__
+    order = kind.__mro__
     place = next(i for i, base in enumerate(order) if "equations" in vars(base))
     inherited = set(dir(order[place])) - _OTHER_THAN_EQUATIONS
-    changed = {name for base in order[:place] for name in vars(base) if name in inherited and not name.startswith("__")}
-    return None if changed else model.equations()
+    return not any(name in inherited and not name.startswith("__") for base in order[:place] for name in vars(base))
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A motion's compiled equations for a step of one length; for this process alone.
+
+    Attributes
+    ----------
+    parts : ndarray of int64, shape (1 or 2, 5)
+        As in `Program`: the kernel that writes the next state and the transition and, where the noise depends on the
+        state, the one that writes Q in the place of a derivative.
+    parameters : ndarray
+    noise : ndarray, shape (1, n, n)
+        Q, where it has no kernel.
+    """
+
+    parts: Integers
+    parameters: Array
+    noise: Array
+
+
+def step(kernels: Sequence[Kernel], parameters: Sequence[Sequence[float]], noise: Array) -> Step:
+    """Return a motion's step of one kernel, or two; see `Step`."""
+    made = _made(Equations(tuple(kernels), (0,) * len(kernels), tuple(map(tuple, parameters)), (), (), 0, 0))
+    return Step(made.parts, made.parameters, np.array(noise, dtype=float)[None])
 
 
 def _made(equations: Equations) -> Program:

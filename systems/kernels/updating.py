@@ -1,4 +1,4 @@
-"""Updates by compiled code, called from Python: arrays in, arrays out, and what can go wrong in words."""
+"""Predictions and updates by compiled code: arrays in, arrays out, and in words what can go wrong."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.kernels.equations import Program
+from quietfix.systems.kernels.equations import Program, Step
 from quietfix.systems.kernels.loading import ready
 
-__all__ = ["extended", "fit", "plain", "raised"]
+__all__ = ["by_kernel", "by_matrix", "extended", "fit", "plain", "raised"]
 
 Array = NDArray[np.float64]
 
+_NO_INPUT = np.zeros((1, 1, 1))
 _REASONS = {
     1: "the noise covariance must be finite in every row that is measured",
     2: "the noise covariance must be positive definite: rows are fully correlated",
@@ -115,3 +116,38 @@ def raised(program: Program, part: int, state: Array, platforms: Array) -> None:
     except Exception as error:
         reason = f"{type(error).__name__}: {error}"
     raise ValueError(f"kernel {name}: for a target at {state.tolist()}: {reason}")
+
+
+def by_matrix(mean: Array | None, covariance: Array, phi: Array, noise: Array) -> tuple[Array, Array]:
+    r"""Return :math:`\Phi x` and :math:`\Phi P \Phi^T + Q`, for Phi and Q (n, n) or (trials, n, n).
+
+    Without a mean (trials, n) only the covariances are predicted.
+    """
+    spread = plain(covariance)
+    n = spread.shape[-1]
+    states = np.empty((0, n)) if mean is None else plain(mean)
+    moved, out = np.empty(states.shape), np.empty(spread.shape)
+    ready("predicting:by_matrix")(
+        states, spread, plain(phi.reshape(-1, n, n)), plain(noise.reshape(-1, n, n)), np.empty((n, n)), moved, out
+    )
+    return moved, out
+
+
+def by_kernel(mean: Array, covariance: Array, step: Step, held: Array | None) -> tuple[Array, Array]:
+    """Return mean and covariance after a compiled step of a motion, whose input is `held` (trials, k).
+
+    Raises
+    ------
+    ValueError
+        Where a user's kernel raised.
+    """
+    states, spread = plain(mean), plain(covariance)
+    n = states.shape[-1]
+    inputs = _NO_INPUT if held is None else plain(held[..., None, :].reshape(-1, 1, held.shape[-1]))
+    moved, out = np.empty(states.shape), np.empty(spread.shape)
+    code = ready("predicting:by_kernel")(
+        states, spread, inputs, step.parts, step.parameters, step.noise, np.empty((3, n, n)), moved, out
+    )
+    if code >= 0:
+        raise ValueError(f"motion: its kernel raised for a state {states[code >> 8].tolist()}")
+    return moved, out

@@ -9,6 +9,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.kernels.equations import Step
+
 __all__ = ["MotionModel"]
 
 Array = NDArray[np.float64]
@@ -54,6 +56,18 @@ class MotionModel(ABC):
     @abstractmethod
     def process_noise(self, state: Array, dt: float) -> Array:
         """Return the covariance of the process noise over `dt`, shape (..., n, n) or (n, n)."""
+
+    def equations(self, dt: float) -> Step | None:
+        """Return the compiled equations of a step of `dt` seconds, where the model has them; see `held` for its input.
+
+        They must be those of `propagate`, `transition` and `process_noise`.
+        """
+        return None
+
+    @property
+    def held(self) -> Array | None:
+        """The input that a `driven` model holds, shape (..., input_size)."""
+        return None
 
     def initial_input(self, state: Array) -> Array:
         """Return the input to begin with, shape (..., input_size)."""

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from quietfix.systems.kernels.equations import Step, step
 from quietfix.systems.motion.base import MotionModel
 
 __all__ = ["CurrentStatistical", "MeanAcceleration", "singer_input", "singer_noise", "singer_transition"]
@@ -130,6 +132,17 @@ def _matrices(alpha: float, dt: float, biases: int) -> tuple[Array, Array, Array
     return transition, entering, noise, free
 
 
+@lru_cache(maxsize=64)
+def _step(alpha: float, dt: float, limits: tuple[float, ...], densities: tuple[float, ...]) -> Step:
+    transition, entering = singer_transition(alpha, dt), singer_input(alpha, dt)
+    q = 2 * alpha * singer_noise(alpha, dt)
+    moving = [dt, transition[0, 2], transition[1, 2], transition[2, 2], *entering]
+    spreading = [*q[np.triu_indices(3)], *limits, *(dt * density for density in densities)]
+    n = 9 + len(densities)
+    kernels = ("motion:current_statistical", "motion:current_statistical_noise")
+    return step(kernels, (moving, spreading), np.zeros((n, n)))
+
+
 class CurrentStatistical(MotionModel):
     r"""Accelerations that fluctuate about a mean which follows the estimate, and biases that walk at random.
 
@@ -229,11 +242,23 @@ class CurrentStatistical(MotionModel):
 
     def driven(self, value: Array) -> CurrentStatistical:
         """Return the model with this mean acceleration, shape (..., 3)."""
-        return CurrentStatistical(
-            self.alpha, self.largest, self.smallest, self.floor, self.bias_densities, self.rule, value
-        )
+        found = copy(self)
+        found.mean = np.asarray(value, dtype=float)
+        return found
+
+    @property
+    def held(self) -> Array | None:
+        """See `MotionModel.held`."""
+        return self.mean
 
     # ---- the model
+
+    def equations(self, dt: float) -> Step | None:
+        """See `MotionModel.equations`; None where the mean acceleration is read off the state."""
+        if self.mean is None:
+            return None
+        limits = (*self.largest.tolist(), *self.smallest.tolist(), self.floor)
+        return _step(self.alpha, float(dt), limits, self.bias_densities)
 
     def _mean(self, state: Array) -> Array:
         return state[..., 6:9] if self.mean is None else self.mean

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.kernels.equations import Step, step
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.trajectories.gravity import GravityConstants, acceleration, gradient, gradient_rate
 
@@ -15,6 +17,18 @@ __all__ = ["OrbitalMotion", "Propagation"]
 
 Array = NDArray[np.float64]
 Propagation = Literal["runge_kutta", "second_order"]
+
+
+@lru_cache(maxsize=64)
+def _noise(dt: float, density: float) -> Array:
+    q = density * np.kron(np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), np.eye(3))
+    q.setflags(write=False)
+    return q
+
+
+@lru_cache(maxsize=64)
+def _step(h: float, count: int, mu: float, flat: float, dt: float, density: float) -> Step:
+    return step(["motion:orbital"], [(h, count, mu, flat)], _noise(dt, density))
 
 
 class OrbitalMotion(MotionModel):
@@ -65,6 +79,14 @@ class OrbitalMotion(MotionModel):
         self.step = float(step)
         self.density = float(density)
 
+    def equations(self, dt: float) -> Step | None:
+        """See `MotionModel.equations`; those of `runge_kutta`."""
+        if self.method != "runge_kutta":
+            return None
+        flat = 1.5 * self.constants.j2 * self.constants.radius**2 if self.j2 else 0.0
+        count = self._steps(dt)
+        return _step(dt / count, count, self.constants.mu, flat, float(dt), self.density)
+
     def propagate(self, state: Array, dt: float) -> Array:
         """See `MotionModel.propagate`."""
         x = np.asarray(state, dtype=float)
@@ -100,8 +122,7 @@ class OrbitalMotion(MotionModel):
 
     def process_noise(self, state: Array, dt: float) -> Array:
         """See `MotionModel.process_noise`; white acceleration on a straight line, shape (6, 6)."""
-        q = np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-        return self.density * np.kron(q, np.eye(3))
+        return _noise(float(dt), self.density)
 
     def _steps(self, dt: float) -> int:
         return max(1, math.ceil(abs(dt) / self.step * (1 - 1e-12)))
