@@ -7,7 +7,17 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["all_finite", "cholesky", "dot", "inverse_lower", "inverses", "semidefinite_root", "solve", "symmetric"]
+__all__ = [
+    "all_finite",
+    "cholesky",
+    "dot",
+    "inverse_lower",
+    "inverses",
+    "quadratic",
+    "semidefinite_root",
+    "solve",
+    "symmetric",
+]
 
 Array = NDArray[np.float64]
 
@@ -28,6 +38,31 @@ def all_finite(array: Array) -> bool:
 def symmetric(matrix: Array) -> Array:
     """Return the symmetric part over the last two axes."""
     return 0.5 * (matrix + np.swapaxes(matrix, -1, -2))
+
+
+def quadratic(residual: Array, covariance: Array) -> tuple[Array, Array, Array]:
+    r"""Return :math:`r^T S^{-1} r` over the rows of r that are there.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (..., m)
+        r; not finite where a row is missing.
+    covariance : ndarray, shape (..., m, m)
+        S; not looked at in such rows.
+
+    Returns
+    -------
+    value, rows : ndarray, shape (...)
+        The form, 0 without a row, and how many rows are there.
+    kept : ndarray, shape (..., m, m)
+        S with unit rows where they are missing.
+    """
+    there = np.isfinite(residual)
+    gone = ~(there[..., :, None] & there[..., None, :])
+    kept = np.where(gone, np.eye(residual.shape[-1]), covariance)
+    left = np.where(there, residual, 0.0)
+    solved = np.linalg.solve(kept, left[..., None])[..., 0]
+    return np.einsum("...i,...i->...", left, solved), np.count_nonzero(there, axis=-1).astype(float), kept
 
 
 def dot(a: Array, b: Array) -> Array:

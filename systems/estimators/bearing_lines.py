@@ -17,6 +17,7 @@ from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import predict_extended
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.fixes.bearing_likelihood import BearingHistory
+from quietfix.systems.linear_algebra import quadratic
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.starts.bearing_start import BearingStart
@@ -181,12 +182,9 @@ class BearingLocator(Estimator):
         residual = self.model.residual(observation.value, value)
         spread = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2) + observation.noise_covariance
         there = np.isfinite(residual) & np.isfinite(np.einsum("...ii->...i", spread))
-        gone = ~(there[..., :, None] & there[..., None, :])
-        left = np.where(there, residual, 0.0)
-        solved = np.linalg.solve(np.where(gone, np.eye(self.model.size), spread), left[..., None])[..., 0]
-        dof = np.count_nonzero(there, axis=-1).astype(float)
-        nis = np.where(dof > 0, np.einsum("...i,...i->...", left, solved), np.nan)
-        return Innovation(np.where(there, residual, np.nan), nis, dof)
+        residual = np.where(there, residual, np.nan)
+        nis, dof, _ = quadratic(residual, spread)
+        return Innovation(residual, np.where(dof > 0, nis, np.nan), dof)
 
     def whole(self, position: Array, spread: Array, mean: Array, covariance: Array) -> tuple[Array, Array]:
         """Return a full state for a fix in the plane; what it does not tell (height, velocity) stays as believed."""

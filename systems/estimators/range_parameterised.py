@@ -12,6 +12,7 @@ from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import GaussianFilter
 from quietfix.systems.filters.observation import Observation
+from quietfix.systems.linear_algebra import quadratic
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.starts.bearing_start import BearingStart
@@ -166,7 +167,7 @@ class RangeParameterised(Estimator):
         mean = np.einsum("...i,...ij->...j", w, residual)
         off = residual - mean[:, None, :]
         covariance = np.einsum("...i,...ijk->...jk", w, spread + off[..., :, None] * off[..., None, :])
-        value, dof = _quadratic(mean, covariance)
+        value, dof, _ = quadratic(mean, covariance)
         return Innovation(mean, np.where(dof > 0, value, np.nan), dof)
 
     def moments(self, memory: Memory) -> tuple[Array, Array]:
@@ -199,20 +200,7 @@ class _EveryRange(Start):
         return mean, np.concatenate([covariance.reshape(trials, -1) for _, covariance in beliefs], axis=-1)
 
 
-def _quadratic(residual: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return residual^T covariance^-1 residual over the rows that are there, and how many they are."""
-    there = np.isfinite(residual)
-    gone = ~(there[..., :, None] & there[..., None, :])
-    kept = np.where(gone, np.eye(residual.shape[-1]), covariance)
-    value = np.where(there, residual, 0.0)
-    solved = np.linalg.solve(kept, value[..., None])[..., 0]
-    return np.einsum("...i,...i->...", value, solved), np.count_nonzero(there, axis=-1).astype(float)
-
-
 def _log_density(residual: Array, covariance: Array) -> Array:
     """Return the logarithm of the Gaussian density, up to a constant, over the rows that are there."""
-    there = np.isfinite(residual)
-    gone = ~(there[..., :, None] & there[..., None, :])
-    kept = np.where(gone, np.eye(residual.shape[-1]), covariance)
-    value, _ = _quadratic(residual, covariance)
+    value, _, kept = quadratic(residual, covariance)
     return -0.5 * (value + np.linalg.slogdet(kept)[1])

@@ -100,6 +100,6 @@ class Phase(AtPlatform):
         return found
 
 
-def _body(earth_rate: float, carrier: Array) -> Array:
+def _body(earth_rate: float, platform: Array) -> Array:
     """Return the axes of a satellite that points to nadir."""
-    return body_frame(carrier[..., None, :], 0, earth_rate)
+    return body_frame(platform[..., None, :], 0, earth_rate)

@@ -210,17 +210,17 @@ def _fix(file: Path) -> StandingFix:
     movers = {f"platforms.{name}": one for name, one in scenario.platforms.items()}
     paths = paths_of(movers, scenario.axes, setting, gravity_constants(scenario.constants))
 
-    def carriers(t: float) -> Array:
+    def platforms(t: float) -> Array:
         return np.concatenate([path(t) for path in paths])
 
     kinds = [kind for one in placed_sensors(scenario, places) for kind in one.kinds]
-    fed = measured(scenario, setting, table, kinds, places, {}, carriers)
+    fed = measured(scenario, setting, table, kinds, places, {}, platforms)
     track = fed.tracks[0]
     sigma = np.broadcast_to(np.sqrt(np.diagonal(fed.noise_covariance)), track.value.shape)
     sigma = sigma if track.scale is None else sigma * track.scale
     ticks = track.clock.ticks(np.inf)
     value = track.value
-    states = np.array([carriers(float(t)).reshape(-1, 6) for t in ticks])
+    states = np.array([platforms(float(t)).reshape(-1, 6) for t in ticks])
     if (np.ptp(states, axis=0) == 0).all():
         value, sigma = averaged(value, sigma)
         states = states[:1]

@@ -65,8 +65,8 @@ def residual_sigma(
     """
     trials = recordings[0].measurement.shape[1]
     rows = np.concatenate([one.measurement.reshape(-1, one.measurement.shape[-1]) for one in recordings])
-    carriers = np.concatenate([one.platforms for one in recordings])
-    places = np.broadcast_to(carriers, (len(carriers), trials, *carriers.shape[2:])).reshape(len(rows), -1, 6)
+    platforms = np.concatenate([one.platforms for one in recordings])
+    places = np.broadcast_to(platforms, (len(platforms), trials, *platforms.shape[2:])).reshape(len(rows), -1, 6)
     silent = np.isnan(rows[:, -1]) if math.isfinite(assumed[1]) else np.zeros(len(rows), dtype=bool)
     rows[silent, -1] = assumed[0]
     height = np.where(np.isfinite(rows[:, -1]), rows[:, -1], 0.0)
