@@ -139,7 +139,7 @@ class EnsembleBlock(LeafSystem):
         tickets: Iterable[Any],
         components: Iterable[tuple[str, str]] | None = None,
     ) -> OutputPort:
-        """Declare an output port that carries what ``calc(context)`` returns, shape (trials, size).
+        """Declare an output port that carries what ``calc(context)`` returns, shape (trials, size) or flat.
 
         `components`: name and SI unit of each of the `size` numbers, where they have names.
         """
@@ -153,7 +153,7 @@ class EnsembleBlock(LeafSystem):
             if values.size != count:
                 shape = tuple(values.shape)
                 raise ValueError(f"{self.get_name()}: {name} has the shape {shape}; ({trials}, {size}) is expected")
-            output.SetFromVector(values.ravel())
+            output.SetFromVector(values if values.ndim == 1 else values.ravel())
 
         return self.DeclareVectorOutputPort(name, count, write, prerequisites_of_calc=set(tickets))
 

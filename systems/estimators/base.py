@@ -260,9 +260,7 @@ class Estimator(EnsembleBlock):
     def _read_platforms(self, context: Context) -> Array:
         return self.read(context, "platforms", self._platforms)
 
-    def _read_noise(self, context: Context) -> Array | None:
-        if not self.wiring.noise_port:
-            return None
+    def _read_noise(self, context: Context) -> Array:
         width = len(self.wiring.stream)
         noise = self.read(context, "noise_covariance").reshape(-1, width, width)
         return noise[:, self._rows][:, :, self._rows]
@@ -290,7 +288,7 @@ class Estimator(EnsembleBlock):
                 measurement = np.where(new[:, None], np.nan, measurement)
             if not started.any():
                 return Remembered(memory, self._nothing(), started, True, now)
-        noise = self._read_noise(context)
+        noise = self._read_noise(context) if self.wiring.noise_port else None
         if noise is not None and (unknown := unknown_rows(noise)).any():
             measurement = np.where(unknown, np.nan, measurement)
         told = None if all_finite(measurement) else ~np.isnan(measurement).all(axis=-1) & started

@@ -152,8 +152,8 @@ class RecordedMeasurements(Tracked):
             self._serve("noise_covariance", self.trials, self.rows**2)
 
     def _serve(self, name: str, trials: int, size: int) -> None:
-        gap = np.full((trials, size), np.nan)
-        values: list[Array] = [getattr(recording, name) for recording in self.recordings]
+        gap = np.full(trials * size, np.nan)
+        values: list[Array] = [getattr(r, name).reshape(r.times.size, -1) for r in self.recordings]
 
         def value(context: Context) -> Array:
             track, sample = self.playing(context)
