@@ -342,8 +342,8 @@ def _table(path: FilePath, where: str) -> tuple[list[str], Array, list[str] | No
     ]
     if set(names) not in kinds or len(set(names)) < len(names):
         raise UserError(
-            f"{where}: columns {names} are not allowed; time_s or time, with x_m, y_m, z_m (and vx_mps, vy_mps, "
-            "vz_mps) or latitude_deg, longitude_deg, height_m"
+            f"{where}: columns {str(names)[:200]} are not allowed; time_s or time, with x_m, y_m, z_m (and vx_mps, "
+            "vy_mps, vz_mps) or latitude_deg, longitude_deg, height_m"
         )
     dates = names.index("time") if "time" in names else None
     rows, clock = [], []
@@ -358,6 +358,6 @@ def _table(path: FilePath, where: str) -> tuple[list[str], Array, list[str] | No
             if not all(abs(value) <= _FARTHEST for value in rows[-1]):
                 raise ValueError
         except ValueError as error:
-            raise UserError(f"{where}: row {i} {line} is not allowed; {len(names)} finite values") from error
+            raise UserError(f"{where}: row {i} {str(line)[:200]} is not allowed; {len(names)} finite values") from error
     left = [name for name in names if name != "time"]
     return left, np.array(rows).reshape(-1, len(left)), clock if dates is not None else None

@@ -158,6 +158,6 @@ def _row(file: Path, number: int, line: str, header: list[str], places: tuple[st
         except ValueError:
             value = math.nan
         if not (math.isfinite(value) and least <= value <= most):
-            raise UserError(f"bearings: {file}, line {number}: {name} {row[name]!r} is not allowed; {allowed}")
+            raise UserError(f"bearings: {file}, line {number}: {name} {row[name][:60]!r} is not allowed; {allowed}")
         values.append(value)
     return values

@@ -182,7 +182,7 @@ def _header(path: Path, line: int, header: str, known: Names, words: str) -> tup
         if known(names):
             twice = sorted({name for name in names if names.count(name) > 1})
             if twice:
-                raise broken(path, line, f"column {twice[0]} is there twice; once")
+                raise broken(path, line, f"column {twice[0][:60]} is there twice; once")
             return delimiter, names
         best = max(best, names, key=len)
     raise broken(path, line, f"columns {', '.join(best)[:200]} are not allowed; {words}")

@@ -14,6 +14,9 @@ _LONGEST = 2000  # characters of a message
 _BRIEF = 60
 
 
+_LONGEST = 100  # characters of a name that is repeated to its user
+
+
 class UserError(ValueError):
     """A mistake in what the user asked for; the message names the field, the value and what is allowed.
 
@@ -36,7 +39,8 @@ def choose(what: str, value: str, allowed: Iterable[str]) -> str:
         return value
     near = difflib.get_close_matches(value, names, n=1)
     hint = f" (did you mean {near[0]}?)" if near else ""
-    raise UserError(f"{what}: {value} is not known{hint}; {there}")
+    name = value if len(value) <= _LONGEST else f"{value[:_LONGEST]}..."
+    raise UserError(f"{what}: {name} is not known{hint}; {there}")
 
 
 def texts(what: str, values: Any) -> list[str]:

@@ -155,7 +155,7 @@ def read_sp3(path: Path | str, satellite: str | None = None) -> PreciseOrbit:
     try:
         expected = int(lines[0][32:39])
     except ValueError as error:
-        raise ValueError(f"{path.name}: the number of epochs cannot be read from {lines[0]!r}") from error
+        raise ValueError(f"{path.name}: the number of epochs cannot be read from {lines[0][:80]!r}") from error
     satellites = {_identification(own): own for own in _satellites(lines)}
     named = _identification(satellite) if satellite else next(iter(satellites), "") if len(satellites) == 1 else ""
     if named not in satellites:

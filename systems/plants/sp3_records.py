@@ -101,7 +101,7 @@ def read_records(path: Path, lines: list[str], satellite: str, expected: int) ->
                     at = slice(0, 3) if line[0] == "P" else slice(3, 6)
                     states[-1][at] = _coordinates(line)
         except (ValueError, IndexError, OverflowError) as error:
-            raise ValueError(f"{path.name}: line {number} cannot be read: {line!r}") from error
+            raise ValueError(f"{path.name}: line {number} cannot be read: {line[:80]!r}") from error
         if lasts and line.strip():
             lasts[-1] = line
     _check_order(path, epochs)

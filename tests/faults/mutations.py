@@ -277,9 +277,9 @@ def iq(rng, folder):
     command("replay", "iq", *(folder / name for name in sigmf_files), "--set", "integration_s=0.005")
 
 
-def sp3_text():
+def sp3_text(epochs=14):
     """Return a short SP3-c file of one satellite in a circular orbit at 7700 km."""
-    epochs, radius, rate = 14, 7700.0, 9.3e-4
+    radius, rate = 7700.0, 9.3e-4
     head = [
         f"#cV2026  3  1  0  0  0.00000000 {epochs:7d} ORBIT IGS14 FIT  TST",
         "## 2408      0.00000000    60.00000000 61100 0.0000000000000",

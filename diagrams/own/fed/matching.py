@@ -129,7 +129,7 @@ def _found(series: Series, rows: Sequence[Row], of_kind: Sequence[int]) -> tuple
         choose("receiver", series.receiver or "''", [name or "'' (none)" for name in receivers])
     references = dict.fromkeys(row.reference for row in mine if row.receiver == series.receiver)
     raise UserError(
-        f"reference: {series.reference or 'nothing'} is not allowed for {series.kind} at {series.receiver}; "
+        f"reference: {series.reference[:60] or 'nothing'} is not allowed for {series.kind} at {series.receiver}; "
         f"{', '.join(name or 'nothing' for name in references)}"
     )
 
