@@ -11,12 +11,16 @@ from quietfix.diagrams.commands.arguments import (
     DATA,
     ESTIMATOR,
     MEASUREMENTS,
+    OVERWRITE,
     PLATFORMS,
     RATE,
     RECORDINGS,
+    RESULTS,
     SCENARIO,
+    SEED,
     SET,
     SYSTEM,
+    TRIALS,
     TRUTH,
     TYPE,
     WRITE_MEASUREMENTS,
@@ -127,9 +131,7 @@ def show(
 def run(
     system: Annotated[str | None, SYSTEM] = None,
     estimators: Annotated[list[str] | None, ESTIMATOR] = None,
-    trials: Annotated[
-        int | None, typer.Option(parser=whole, metavar="N", help="Monte Carlo trials.  [default: 100; all tracks]")
-    ] = None,
+    trials: Annotated[int | None, TRIALS] = None,
     first_trial: Annotated[
         int | None, typer.Option(parser=whole, metavar="N", help="Number of the first trial.  [default: 0]")
     ] = None,
@@ -150,8 +152,8 @@ def run(
     chunk: Annotated[
         int | None, typer.Option(parser=whole, metavar="N", help="Trials at once; changes no number.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write results, summary and figures here.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+    out: Annotated[Path | None, RESULTS] = None,
+    overwrite: Annotated[bool, OVERWRITE] = False,
     trust: Annotated[
         bool, typer.Option("--trust", help="With --from: import the system and the classes that the result names.")
     ] = False,
@@ -268,7 +270,7 @@ def observe(
     settings: Annotated[list[str] | None, SET] = None,
     scenario: Annotated[Path | None, SCENARIO] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write summary.json and figures here.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ) -> None:
     """Say which directions of the state at the start the measurements can know, how well, and from when on."""
     from quietfix.diagrams.commands.running import observe_command
@@ -288,10 +290,8 @@ def compare(
             "the scenario, and ekf, iekf, ukf, pf]",
         ),
     ] = None,
-    trials: Annotated[
-        int | None, typer.Option(parser=whole, metavar="N", help="Monte Carlo trials.  [default: 100; all tracks]")
-    ] = None,
-    seed: Annotated[int, typer.Option(parser=whole, metavar="N", help="Seed of all noise.")] = 0,
+    trials: Annotated[int | None, TRIALS] = None,
+    seed: Annotated[int, SEED] = 0,
     at: Annotated[
         float | None, typer.Option(parser=number, metavar="T", help="RMSE at this time [s].  [default: the end]")
     ] = None,
@@ -300,7 +300,7 @@ def compare(
     format_: Annotated[str, typer.Option("--format", help="table or markdown.")] = "table",
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write comparison.json, results, figures.")] = None,
     data: Annotated[list[Path] | None, DATA] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ) -> None:
     """Compare estimators on one stream of measurements: errors, bounds, consistency, cost, who is the best."""
     from quietfix.diagrams.commands.comparing import compare_command
@@ -323,14 +323,14 @@ def sweep(
     ],
     estimators: Annotated[list[str] | None, ESTIMATOR] = None,
     trials: Annotated[int, typer.Option(parser=whole, metavar="N", help="Monte Carlo trials.")] = 100,
-    seed: Annotated[int, typer.Option(parser=whole, metavar="N", help="Seed of all noise.")] = 0,
+    seed: Annotated[int, SEED] = 0,
     at: Annotated[
         float | None, typer.Option(parser=number, metavar="T", help="Errors at this time [s].  [default: the end]")
     ] = None,
     settings: Annotated[list[str] | None, SET] = None,
     scenario: Annotated[Path | None, SCENARIO] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write sweep.json, results and a figure.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ) -> None:
     """Vary one number of a scenario on the same noise: what a mismatch costs, and whether the covariance tells."""
     from quietfix.diagrams.commands.sweeping import sweep_command
@@ -348,8 +348,8 @@ def replay(
         typer.Option("--data", metavar="DIR", help="Folder of the recordings; else the variable QUIETFIX_DATA."),
     ] = None,
     estimators: Annotated[list[str] | None, ESTIMATOR] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write results, summary and figures here.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+    out: Annotated[Path | None, RESULTS] = None,
+    overwrite: Annotated[bool, OVERWRITE] = False,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -381,7 +381,7 @@ def verify(
         int | None, typer.Option(parser=whole, metavar="N", help="Seed of all noise, instead of the file's.")
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write verification.json and a figure here.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier result in DIR.")] = False,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ) -> None:
     """Judge requirements: each holds, fails, or is undecided after as many trials as the file allows.
 

@@ -8,12 +8,16 @@ __all__ = [
     "DATA",
     "ESTIMATOR",
     "MEASUREMENTS",
+    "OVERWRITE",
     "PLATFORMS",
     "RATE",
     "RECORDINGS",
+    "RESULTS",
     "SCENARIO",
+    "SEED",
     "SET",
     "SYSTEM",
+    "TRIALS",
     "TRUTH",
     "TYPE",
     "WRITE_MEASUREMENTS",
@@ -62,6 +66,8 @@ RATE = typer.Option("--rate", metavar="HZ", help="For `iq`: sample rate of files
 TYPE = typer.Option("--type", metavar="TYPE", help="For `iq`: their SigMF datatype.  [default: ci16_le]")
 WRITE_MEASUREMENTS = typer.Option("--write-measurements", help="Write what was measured into DIR, for --measurements.")
 TRUTH = typer.Option(metavar="FILE", help="With measurements: where the target was, a CSV track; errors are told then.")
+OVERWRITE = typer.Option("--overwrite", help="Replace an earlier result in DIR.")
+RESULTS = typer.Option("--out", metavar="DIR", help="Write results, summary and figures here.")
 
 
 def whole(value: str) -> int:
@@ -78,3 +84,7 @@ def number(value: str) -> float:
         return float(value)
     except ValueError:
         raise typer.BadParameter(f"{value} is not allowed; a number") from None
+
+
+SEED = typer.Option(parser=whole, metavar="N", help="Seed of all noise.")
+TRIALS = typer.Option(parser=whole, metavar="N", help="Monte Carlo trials.  [default: 100; all tracks]")

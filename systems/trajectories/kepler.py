@@ -11,8 +11,6 @@ __all__ = ["KeplerElements", "eccentric_anomaly", "mean_anomaly", "mean_motion",
 
 Array = NDArray[np.float64]
 
-_CIRCULAR = 1e-11  # below this eccentricity or node length a direction is rounding noise
-
 
 @dataclass(frozen=True, eq=False)
 class KeplerElements:
