@@ -73,7 +73,7 @@ class Surroundings:
         known = {one.name: one for one in self.kinds}
         chosen = [known[choose(where, name, known)] for name in names or known]
         if self.states != 6:
-            raise UserError(f"{where}: a fix knows nothing of the oscillator; !Prior or !Given")
+            raise UserError(f"{where}: a fix knows nothing of the oscillator, or of along_track; !Prior or !Given")
         simulated = self.scenario.measurements is None
         time = min(one.timed.offset_s for one in self.kinds) if simulated else 0.0
         target, carriers = self._anywhere(time)[None], self.carriers(time).reshape(1, -1, 6)
@@ -172,7 +172,7 @@ def _known_height(field: KnownHeight, around: Surroundings) -> tuple[Begin, list
     if not tdoa.light_time:  # with light time the start itself allows for the velocity
         around.first("start.sensor", [name])
     if around.states != 6:
-        raise UserError("start: a fix knows nothing of the oscillator; !Prior or !Given")
+        raise UserError("start: a fix knows nothing of the oscillator, or of along_track; !Prior or !Given")
     platforms = around.carriers(able[name].timed.offset_s).reshape(1, -1, 6)
     order = [tdoa.reference, *tdoa.receivers]
     _check_above(around, order)

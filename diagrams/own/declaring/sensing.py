@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, cast
 
+from quietfix.diagrams.own.declaring.along_track import check_along_track, seen_ahead
 from quietfix.diagrams.own.declaring.atmosphere import Air, air_of
 from quietfix.diagrams.own.fields.schema import OwnScenario
 from quietfix.diagrams.own.fields.sensors import Joint, Kind, Sensor
@@ -153,6 +154,7 @@ def placed_sensors(scenario: OwnScenario, places: Places) -> list[PlacedSensor]:
     """Return the sensors of a scenario, checked."""
     if not scenario.sensors:
         raise UserError("sensors: none is given; at least one is needed")
+    check_along_track(scenario)
     found: list[PlacedSensor] = []
     for name, field in scenario.sensors.items():
         where = f"sensors.{name}"
@@ -217,7 +219,7 @@ def _measured(name: str, field: Sensor, scenario: OwnScenario, places: Places) -
     """Return the kinds of measurement that a sensor makes."""
     where, beliefs, air = f"sensors.{name}", scenario.belief.sensors, air_of(scenario)
     if not isinstance(field, Joint):
-        return [_kind(name, where, field, field, beliefs, places, air)]
+        return [_kind(name, where, field, field, beliefs, scenario, places, air)]
     if not field.kinds:
         raise UserError(f"{where}.kinds: none is given; at least one is needed, such as tdoa: !Tdoa {{}}")
     whole = beliefs.get(name)
@@ -234,7 +236,7 @@ def _measured(name: str, field: Sensor, scenario: OwnScenario, places: Places) -
             if kind in beliefs:
                 raise UserError(f"belief.sensors.{kind}: it is not allowed beside belief.sensors.{name}, which has it")
             assumed, path = whole.kinds, f"belief.sensors.{name}.kinds"
-        found.append(_kind(kind, f"{where}.kinds.{kind}", part, field, assumed, places, air, path))
+        found.append(_kind(kind, f"{where}.kinds.{kind}", part, field, assumed, scenario, places, air, path))
     return found
 
 
@@ -244,6 +246,7 @@ def _kind(
     field: Kind,
     timed: Timed,
     beliefs: Mapping[str, Any],
+    scenario: OwnScenario,
     places: Places,
     air: tuple[Air, Air],
     path: str = "belief.sensors",
@@ -263,6 +266,8 @@ def _kind(
         (believed, _), belief = _model(assumed, places, path), assumed
     if list(believed.names) != list(real.names):
         raise UserError(f"{path}: rows {list(believed.names)} are not allowed; the sensor has {list(real.names)}")
+    real = seen_ahead(real, field, scenario, places, where)
+    believed = seen_ahead(believed, belief, scenario, places, path)
     real = air[0].added_to(real, field, rows, places, where)
     believed = air[1].added_to(believed, belief, rows, places, where)
     rows = [*rows, *(row for _, own in chain for row in own)]

@@ -10,6 +10,7 @@ from pydrake.systems.framework import OutputPort
 
 from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.own.classes import motions, plants
+from quietfix.diagrams.own.declaring.along_track import add_plants, ahead_motions, ahead_sigmas
 from quietfix.diagrams.own.fields.schema import ConstantVelocity, Orbital, Oscillator, OwnScenario
 from quietfix.diagrams.parts.formation import gravity_constants
 from quietfix.diagrams.parts.movers import ModelTarget
@@ -59,10 +60,10 @@ def target_motion(scenario: OwnScenario) -> MotionModel:
 
 
 def with_bias(scenario: OwnScenario, motion: MotionModel, walk: float | None) -> MotionModel:
-    """Return a target's motion with the oscillator's beside it, where there is one."""
-    if scenario.oscillator is None:
-        return motion
-    return SideBySide([motion, _wander(scenario.oscillator, walk)])
+    """Return a target's motion with the oscillator's and the satellites' errors beside it, where there are any."""
+    beside = [] if scenario.oscillator is None else [_wander(scenario.oscillator, walk)]
+    beside += ahead_motions(scenario)
+    return SideBySide([motion, *beside]) if beside else motion
 
 
 def _wander(oscillator: Oscillator, walk: float | None = None) -> MotionModel:
@@ -102,6 +103,7 @@ def spread_of(scenario: OwnScenario, position: float, velocity: float, oscillato
     sigmas = [position] * 3 + [velocity] * 3
     if scenario.oscillator is not None:
         sigmas += _of_oscillator(scenario.oscillator, oscillator)
+    sigmas += ahead_sigmas(scenario)
     return np.diag(np.square(sigmas))
 
 
@@ -123,26 +125,35 @@ class Target:
     def __call__(self, bus: Bus) -> None:
         """See `quietfix.diagrams.assembly.model.Part`."""
         target, oscillator = self.scenario.target, self.scenario.oscillator
-        bias, drawn = [], (0.0, 0.0)
+        bias: list[float] = []
+        drawn = (0.0, 0.0)
         if oscillator is not None:
             bias = _of_oscillator(oscillator, (-oscillator.offset_hz, -(oscillator.drift_hzps or 0.0)))
             drawn = oscillator.sigma_offset_hz, oscillator.sigma_drift_hzps
         if isinstance(target, RandomMotion):
             about = spread_of(self.scenario, target.sigma_position_m, target.sigma_velocity_mps, drawn)
             motion = with_bias(self.scenario, self.motion, None)
-            ModelTarget(motion, self.clock, np.append(self.path(0.0), bias), about)(bus)
+            mean = np.concatenate([self.path(0.0), bias, np.zeros(len(self.scenario.along_track))])
+            ModelTarget(motion, self.clock, mean, about)(bus)
             return
-        flight = self._flight(bus, "target" if oscillator is None else "flight")
-        if oscillator is None:
+        alone = oscillator is None and not self.scenario.along_track
+        flight = self._flight(bus, "target" if alone else "flight")
+        if alone:
             bus.publish(target=flight, truth=flight)
             return
+        parts = {"flight": "flight.state"}
+        if oscillator is not None:
+            self._add_oscillator(bus, oscillator, bias, drawn)
+            parts["oscillator"] = "oscillator.state"
+        parts |= {block: f"{block}.state" for block in add_plants(bus, self.scenario, self.clock)}
+        shapes = {name: bus.shape(signal) for name, signal in parts.items()}
+        bus.add(Joined(shapes, "target"), gives={"target": "state", "truth": "state"}, takes=parts)
+
+    def _add_oscillator(self, bus: Bus, oscillator: Oscillator, bias: list[float], drawn: tuple[float, float]) -> None:
         variance = np.diag(np.square(_of_oscillator(oscillator, drawn)))
         random = any(drawn) or oscillator.walk_hz2ps or oscillator.drift_walk_hz2ps3
         trials = bus.trials if random else 1
         bus.add(ModelPlant(_wander(oscillator), self.clock, bias, variance, trials, name="oscillator"))
-        parts = {"flight": "flight.state", "oscillator": "oscillator.state"}
-        shapes = {name: bus.shape(signal) for name, signal in parts.items()}
-        bus.add(Joined(shapes, "target"), gives={"target": "state", "truth": "state"}, takes=parts)
 
     def _flight(self, bus: Bus, name: str) -> OutputPort:
         """Add what moves, without its oscillator; return its state (trials or 1, 6)."""

@@ -184,7 +184,7 @@ def recorded_of(fed: Played, known: bool, began: tuple[int, float] | None) -> Re
         tracks=fed.names,
         clocks=[track.clock for track in fed.tracks] if several else (),
         times=[track.clock.ticks(np.inf) for track in fed.tracks] if several else (),
-        report=partial(measured_report, names=fed.names, began=began, known=known),
+        report=partial(measured_report, names=fed.names, claimed=fed.claimed, began=began, known=known),
         keeps=["covariance", "innovation", "measurement"],
         bounds=known and not several,
         truth=known,

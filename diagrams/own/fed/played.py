@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -47,6 +47,8 @@ class Played:
         Where each target is; NaN where nobody knows.
     notes : sequence of str
         What a reader of the results must know.
+    claimed : mapping of str to float
+        Standard deviation of each row's values [SI], the median of what is believed of them or the table says.
     """
 
     names: Sequence[str]
@@ -54,6 +56,7 @@ class Played:
     noise_covariance: Array
     paths: Sequence[Path]
     notes: Sequence[str]
+    claimed: Mapping[str, float]
 
     @property
     def scaled(self) -> bool:
@@ -139,7 +142,9 @@ def played(
     ]
     notes = [*table.notes, *found.notes, *_jumps(table, seconds, of), *_gaps(table, seconds)]
     unknown = np.full(6, np.nan)
-    return Played(targets, tracks, noise_covariance, [lambda t: unknown] * len(targets), notes)
+    sigma = believed[found.row] * scale
+    claimed = {row.name: float(np.median(sigma[found.row == i])) for i, row in enumerate(rows) if i in found.row}
+    return Played(targets, tracks, noise_covariance, [lambda t: unknown] * len(targets), notes, claimed)
 
 
 def _targets(table: MeasurementTable) -> tuple[list[str], NDArray[np.int64]]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from quietfix.diagrams.console.tables import Column, Styled, Table, three_digits
+from quietfix.diagrams.own.fed.covering import Covering, judge, residuals_of
 from quietfix.diagrams.quantities.frame import frame_of
 from quietfix.diagrams.quantities.states import POSITION
 from quietfix.diagrams.statistics.consistency import chi_square_band
@@ -27,7 +28,6 @@ __all__ = ["MeasuredReport", "Told", "measured_report"]
 
 Array = NDArray[np.float64]
 
-_UNCOVERED = 1.5  # times as large as believed
 _MOST = 20  # targets in the table that is printed; all are in summary.json
 
 
@@ -53,6 +53,8 @@ class Told:
     larger : float or None
         How many times as large as believed residuals are in the middle of the epochs: the root of the median of the NIS
         over its median if they are as believed. A start that is off, or one gross error, does not count.
+    covering : Covering
+        Whether what is claimed covers the residuals.
     """
 
     estimator: str
@@ -66,10 +68,11 @@ class Told:
     low: float | None
     high: float | None
     larger: float | None
+    covering: Covering
 
 
 def measured_report(
-    result: xr.Dataset, names: Sequence[str], began: tuple[int, float] | None, known: bool
+    result: xr.Dataset, names: Sequence[str], claimed: Mapping[str, float], began: tuple[int, float] | None, known: bool
 ) -> MeasuredReport:
     """Return what is told of a study's result.
 
@@ -78,6 +81,8 @@ def measured_report(
     result : xarray.Dataset
     names : sequence of str
         Of all targets; the result may have some of them.
+    claimed : mapping of str to float
+        Standard deviation of each row as it is believed to be [SI].
     began : (int, float), optional
         t = 0 in seconds of TAI since 1970.
     known : bool
@@ -88,14 +93,14 @@ def measured_report(
     axis = along(result)
     time = np.broadcast_to(result["time"].values, (result.sizes["trial"], result.sizes[axis]))
     told = [
-        _told(result.sel(estimator=name).isel(trial=k), str(name), target, time[k])
+        _told(result.sel(estimator=name).isel(trial=k), str(name), target, time[k], claimed)
         for k, target in enumerate(targets)
         for name in result["estimator"].values
     ]
     return MeasuredReport(told, result, began, known, str(result.attrs["system"]), str(result.attrs["note"]))
 
 
-def _told(one: xr.Dataset, name: str, target: str, time: Array) -> Told:
+def _told(one: xr.Dataset, name: str, target: str, time: Array, claimed: Mapping[str, float]) -> Told:
     epochs = np.isfinite(time)
     estimate = one["estimate"].transpose(..., "state").values
     states = [str(state) for state in one["state"].values]
@@ -122,6 +127,7 @@ def _told(one: xr.Dataset, name: str, target: str, time: Array) -> Told:
         low if total else None,
         high if total else None,
         float(np.sqrt(np.median(nis[used] / chi2.median(freedom[used])))) if total else None,
+        judge(nis[used], freedom[used], time[used], residuals_of(one, claimed)),
     )
 
 
@@ -194,7 +200,8 @@ class MeasuredReport:
             for one in self.told
             if one.time is None
         ]
-        lines += [_uncovered(one) for one in self.told if _too_large(one)][:_MOST]
+        said = (one.covering.said(f"{one.target}: ", one.estimator, one.larger) for one in self.told)
+        lines += [line for line in said if line][:_MOST]
         if not self.known:
             lines.append("nobody knows where the target was: no errors, only what the estimators say of themselves")
         return [*lines, *([self.note] if self.note and not self.known else []), self._clock()]
@@ -223,22 +230,6 @@ class MeasuredReport:
         ]
 
 
-def _too_large(one: Told) -> bool:
-    """Return whether residuals are larger than what is believed of them: by more than chance, and much."""
-    if one.nis is None or one.high is None or one.larger is None:
-        return False
-    return one.nis > one.high and one.larger > _UNCOVERED
-
-
-def _uncovered(one: Told) -> str:
-    times = one.larger or 0.0
-    return (
-        f"{one.target}: the claimed sigmas cannot cover the residuals of {one.estimator}, which are {times:.2g} times "
-        f"as large as it believes: its ± are too small. If it is the measurements, sigmas {times:.2g} times as large "
-        "cover them; else it is how the target moves, its start, or the platforms"
-    )
-
-
 def _cells(one: Told, places: int, sigmas: int) -> list[str | Styled]:
     if one.time is None:
         return [one.target, one.estimator, *["-"] * (1 + places + sigmas), str(one.updates), "-"]
@@ -262,4 +253,5 @@ def _entry(one: Told) -> dict[str, Any]:
         "nis_per_dof_low": one.low,
         "nis_per_dof_high": one.high,
         "residuals_over_believed": one.larger,
+        **one.covering.summary(),
     }

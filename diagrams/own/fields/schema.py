@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from quietfix.diagrams.own.classes import extra, motions, plants
+from quietfix.diagrams.own.fields.along_track import AlongTrack
 from quietfix.diagrams.own.fields.atmosphere import Atmosphere
 from quietfix.diagrams.own.fields.measurements import Measurements
 from quietfix.diagrams.own.fields.sensors import Sensor
@@ -126,6 +127,9 @@ class OwnScenario:
     constants: EarthConstants = documented("physical constants", factory=EarthConstants)
     reference_orbit: ReferenceOrbit = documented("what !Offset is counted from", factory=ReferenceOrbit)
     platforms: dict[str, Mover] = documented("what carries the sensors, by name", factory=dict)
+    along_track: dict[str, AlongTrack] = documented(
+        "satellites among them that are ahead of their elements, by name", factory=dict
+    )
     platform_errors: PlatformErrors = documented("how well the platforms are known", factory=PlatformErrors)
     target: Mover | RandomMotion | plants.Custom | None = documented(
         "what is looked for; null: nobody knows where it is, with measurements", None

@@ -1,0 +1,1 @@
+"""Satellites that are ahead of, or behind, where their elements say: an error along the track, as a state."""
