@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from quietfix.diagrams.figures.style import grid, new_figure
 from quietfix.systems.fixes.von_mises import sample
 
-__all__ = ["draw_lines"]
+__all__ = ["draw_fixes", "draw_lines"]
 
 Array = NDArray[np.float64]
 
@@ -54,6 +54,19 @@ def draw_lines(place: Array, azimuth: Array, weights: Array, fixes: Mapping[str,
         title = f"{_MOST} of {count} lines" + f"; {title}" * bool(title)
     axes.set(xlabel="east [km]", ylabel="north [km]", aspect="equal", title=title)
     axes.autoscale_view()
+    grid(axes)
+    axes.legend()
+    return figure
+
+
+def draw_fixes(place: Array, tracks: Sequence[Array]) -> Figure:
+    """Draw observers (k, 2) [m], and the places of each target (n, 2) [m], of one that moves its way."""
+    figure, axes = new_figure()
+    for track in tracks:
+        axes.plot(*(track.T / 1e3), "o-", markersize=3, linewidth=0.8)
+    axes.plot(*(place.T / 1e3), "k^", label="observers")
+    title = "" if tracks else "no fix of any target"
+    axes.set(xlabel="east [km]", ylabel="north [km]", aspect="equal", title=title)
     grid(axes)
     axes.legend()
     return figure

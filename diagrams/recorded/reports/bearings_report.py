@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from quietfix.diagrams.console.tables import Column, Table
 from quietfix.diagrams.readers.bearings_file import Bearings
+from quietfix.diagrams.writers.fixes import PlaneTrack, write_plane
 from quietfix.systems.angles.bearing import to_compass
 from quietfix.systems.fixes.bearing_belief import BearingCost, believable, small_sample_coverage
 from quietfix.systems.fixes.von_mises import DirectionFix, weighted_fix
@@ -205,13 +206,23 @@ class BearingsReport:
         }
 
     def draw(self, folder: Path) -> list[Path]:
-        """See `Report.draw`: the lines of bearing and the fixes."""
+        """See `Report.draw`: the lines of bearing and the fixes; and the files of places."""
         from quietfix.diagrams.figures.style import save
         from quietfix.diagrams.recorded.reports.bearings_figures import draw_lines
 
         fixes = {name: (fix.position, fix.believable) for name, fix in self.fixes.items() if fix.there}
         figure = draw_lines(self.bearings.place, self.bearings.azimuth, self.robust.weights, fixes)
-        return [save(figure, folder / "bearings.png")]
+        return [save(figure, folder / "bearings.png"), *write_plane(self._tracks(), folder)]
+
+    def _tracks(self) -> list[PlaneTrack]:
+        """Return the fixes as they are written, at the time of the last bearing."""
+        found, time = [], self.bearings.time[-1:]
+        for name, fix in self.fixes.items():
+            if fix.there:
+                state = fix.position[None]
+                degrees = None if self.bearings.origin is None else self.bearings.degrees(state)
+                found.append(PlaneTrack(name, "target", time, state, fix.covariance[None], degrees))
+        return found
 
 
 def _degrees(kappa: float) -> float:
