@@ -286,7 +286,7 @@ def _track(messages: list[_Message], receivers: Mapping[int | str, Receiver], wi
 def _message(where: str, row: Mapping[str, str], receivers: Mapping[int | str, Receiver], sensors: str) -> _Message:
     serials, arrivals = _arrivals(where, row["measurements"], receivers, sensors)
     if not row["aircraft"] or _FRACTION.fullmatch(row["aircraft"]):
-        raise UserError(f"{where}: aircraft: {row['aircraft']!r} is not allowed; a whole number or a name")
+        raise UserError(f"{where}: aircraft: {row['aircraft'][:60]!r} is not allowed; a whole number or a name")
     degrees = [optional_number(where, row, column) for column in ("latitude", "longitude")]
     barometric, geometric = (optional_number(where, row, c) for c in ("baroAltitude", "geoAltitude"))
     return _Message(

@@ -364,4 +364,4 @@ def _carried(fix: Located, elapsed: Array) -> tuple[Array, Array]:
 
 def _listed(names: Sequence[str]) -> str:
     more = f" and {len(names) - _NAMED} more" * (len(names) > _NAMED)
-    return ", ".join(names[:_NAMED]) + more
+    return ", ".join(name[:60] for name in names[:_NAMED]) + more
