@@ -15,6 +15,7 @@ __all__ = [
     "course_speed",
     "course_velocity",
     "ecef_to_geodetic",
+    "enu_offset",
     "enu_rotation",
     "geodetic_state",
     "geodetic_to_ecef",
@@ -155,6 +156,12 @@ def enu_rotation(latitude: ArrayLike, longitude: ArrayLike) -> Array:
     sp, cp, sl, cl = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
     rows = [-sl, cl, np.zeros_like(sl), -sp * cl, -sp * sl, cp, cp * cl, cp * sl, sp]
     return np.stack(rows, axis=-1).reshape(*lat.shape, 3, 3)
+
+
+def enu_offset(position: Array, origin: Array) -> Array:
+    """Return east, north and up [m] from a place `origin` (3,) of Earth-fixed positions (..., 3)."""
+    turn = enu_rotation(*ecef_to_geodetic(origin)[:2])
+    return np.einsum("ij,...j->...i", turn, position - origin)
 
 
 def course_velocity(

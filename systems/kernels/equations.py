@@ -140,7 +140,7 @@ def program(model: Any) -> Program | None:
 
 def equations_of(model: Any) -> Equations | None:
     """Return a measurement model's ``equations()``, or None where it has none, or not its own (`are_own`)."""
-    return model.equations() if are_own(type(model)) else None
+    return model.equations() if are_own(model.__class__) else None
 
 
 @lru_cache(maxsize=1024)

@@ -81,6 +81,15 @@ def test_enu_agrees_with_pymap3d():
     np.testing.assert_allclose(got, np.stack(want, axis=-1), atol=1e-14)  # rounding of unit numbers
 
 
+def test_offsets_agree_with_pymap3d():
+    origin = np.radians(48.0), np.radians(11.0), 500.0
+    centre = geodetic.geodetic_to_ecef(*origin)
+    points = centre + np.random.default_rng(0).normal(size=(2, 5, 3)) * 1e5
+    want = pymap3d.ecef2enu(points[..., 0], points[..., 1], points[..., 2], *origin, deg=False)
+    # rounding of 6e6 m, and of the origin's latitude, which is found again from the Earth-fixed place
+    np.testing.assert_allclose(geodetic.enu_offset(points, centre), np.stack(want, axis=-1), atol=1e-8)
+
+
 def test_course_and_speed():
     lat, lon, h = places()
     course, speed = RNG.uniform(0, 2 * np.pi, lat.shape), RNG.uniform(1, 400, lat.shape)

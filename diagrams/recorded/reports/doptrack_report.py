@@ -16,7 +16,7 @@ from quietfix.diagrams.console.tables import Column, Table
 from quietfix.diagrams.quantities.states import POSITION
 from quietfix.diagrams.recorded.settings.doptrack_settings import Settings
 from quietfix.diagrams.recorded.settings.doptrack_stream import Stream, misfit, residual
-from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_offset, enu_rotation
 
 __all__ = ["DoptrackReport", "report"]
 
@@ -37,12 +37,6 @@ def report(result: xr.Dataset, stream: Stream, settings: Settings) -> DoptrackRe
         turn = enu_rotation(*ecef_to_geodetic(estimates[name][-1])[:2])
         sigmas[name] = float(np.sqrt(np.trace((turn @ covariance @ turn.T)[:2, :2])))
     return DoptrackReport(settings, stream, result["time"].values, estimates, sigmas)
-
-
-def _local(position: Array, station: Array) -> Array:
-    """Return east, north, up [m] of positions (..., 3) from the station."""
-    latitude, longitude, _ = ecef_to_geodetic(station)
-    return np.einsum("ij,...j->...i", enu_rotation(latitude, longitude), position - station)
 
 
 def _far_off(stream: Stream, position: Array, sigmas: Sequence[float]) -> list[tuple[float, str]]:
@@ -92,7 +86,7 @@ class DoptrackReport:
 
     def errors(self, name: str) -> Array:
         """Return east, north, up errors at every sample [m], shape (samples, 3)."""
-        return _local(self.estimates[name], self.stream.passes[0].station)
+        return enu_offset(self.estimates[name], self.stream.passes[0].station)
 
     def horizontal_error(self, name: str) -> float:
         """Return the horizontal error at the end [m]."""

@@ -19,7 +19,7 @@ from quietfix.diagrams.readers.kiwisdr.folder import KiwiData
 from quietfix.diagrams.recorded.reports.kiwisdr_sky import SkyWave, sky_wave
 from quietfix.diagrams.recorded.settings.kiwisdr_settings import Settings
 from quietfix.systems.constants import SPEED_OF_LIGHT
-from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
+from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_offset, enu_rotation
 from quietfix.systems.fixes.snapshot import snapshot_fix, starts_on_ground
 from quietfix.systems.geometry.wave_path import WavePath
 from quietfix.systems.measurement.base import MeasurementModel
@@ -64,9 +64,7 @@ class MastFix:
 
     def local(self, position: Array) -> Array:
         """Return east, north, up [m] of positions (..., 3) from the transmitter, or the fix if that is not known."""
-        origin = self.mast if self.transmitter else self.estimate[-1]
-        turn = enu_rotation(*ecef_to_geodetic(origin)[:2])
-        return np.einsum("ij,...j->...i", turn, position - origin)
+        return enu_offset(position, self.mast if self.transmitter else self.estimate[-1])
 
     @property
     def error(self) -> float:
