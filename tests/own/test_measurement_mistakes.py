@@ -147,6 +147,10 @@ def test_fields_of_the_scenario_that_mean_nothing_with_measurements(tmp_path, mo
         ),
         ("measurements.file=''", "measurements.file: none is given; the path of a file"),
         ("measurements.file=none.csv", "none.csv: it cannot be read (No such file or directory)"),
+        (
+            "measurements.two_way=half",
+            "measurements.two_way: half is for a Tracking Data Message only, not log.csv",
+        ),
     ]:
         with pytest.raises(UserError) as refused:
             declared(tmp_path / "log.csv", setting)

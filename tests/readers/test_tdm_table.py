@@ -16,9 +16,9 @@ HEADER = {"CREATION_DATE": "2026-01-01T00:00:00", "ORIGINATOR": "ME"}
 
 @pytest.fixture
 def read(tmp_path):
-    def one(text):
+    def one(text, two_way=""):
         (tmp_path / "a.tdm").write_text(text)
-        return tdm_measurements(tmp_path / "a.tdm")
+        return tdm_measurements(tmp_path / "a.tdm", two_way)
 
     return one
 
@@ -49,6 +49,59 @@ def test_differences_and_angles(read):
         ("bearing", "F07R07", "NORTH", "deg"),
         ("elevation", "F07R07", "NORTH", "deg"),
     ]
+
+
+def two_way(units, kind="RANGE", path="1,2,1", value=2000.5):
+    return f"""CCSDS_TDM_VERS = 2.0
+CREATION_DATE = 2026-01-02T00:00:00
+ORIGINATOR = ME
+META_START
+TIME_SYSTEM = UTC
+PARTICIPANT_1 = dish
+PARTICIPANT_2 = moon
+PARTICIPANT_3 = south
+MODE = SEQUENTIAL
+PATH = {path}
+RANGE_UNITS = {units}
+TIMETAG_REF = RECEIVE
+META_STOP
+DATA_START
+{kind} = 2026-01-01T00:00:00 {value}
+DATA_STOP
+"""
+
+
+@pytest.mark.parametrize(
+    ("units", "kind", "value", "said", "expected", "unit"),
+    [
+        ("km", "RANGE", 2000.5, "half", 2000.5, "km"),
+        ("km", "RANGE", 2000.5, "whole", 1000.25, "km"),
+        ("s", "RANGE", 0.01, "whole", 0.005 * 299_792_458.0, "m"),
+        ("s", "RANGE", 0.01, "half", 0.01 * 299_792_458.0, "m"),
+        ("km", "DOPPLER_INSTANTANEOUS", -3.5, "whole", -1.75, "km/s"),
+        ("km", "DOPPLER_INSTANTANEOUS", -3.5, "half", -3.5, "km/s"),
+    ],
+)
+def test_two_way_as_its_parties_agree(read, units, kind, value, said, expected, unit):
+    text = two_way(units, kind, value=value)
+    table = read(text, said)
+    assert table.value == pytest.approx([expected], rel=1e-15)
+    ((_, _, receiver, reference, found),) = table.series
+    assert (receiver, reference, found) == ("dish", "", unit)
+    assert table.series[0].target == "moon"
+    assert f"taken as of {said} of the way there and back" in " ".join(table.notes)
+    with pytest.raises(
+        UserError, match=r"over 2 legs is not allowed: .* one way, PATH = 2,1, or measurements\.two_way"
+    ):
+        read(text)
+
+
+def test_three_way_is_refused_whatever_is_said(read):
+    for path in ("1,2,3", "1,2,1,2,1"):
+        with pytest.raises(UserError, match="legs is not allowed: the standard leaves open"):
+            read(two_way("km", path=path), "half")
+    one = read(two_way("km", path="2,1"), "whole")
+    assert one.value.tolist() == [2000.5] and not one.notes
 
 
 def test_integrated_is_of_the_middle(read):

@@ -55,7 +55,7 @@ def table_of_scenario(scenario: OwnScenario, folder: FilePath) -> MeasurementTab
         return None
     if not field.file:
         raise UserError("measurements.file: none is given; the path of a file")
-    return table_of(folder / field.file)
+    return table_of(folder / field.file, field.two_way)
 
 
 def setting_of(scenario: OwnScenario, folder: FilePath, table: MeasurementTable | None) -> Setting:

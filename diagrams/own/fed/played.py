@@ -17,6 +17,7 @@ from quietfix.diagrams.own.kinds.kind import Row
 from quietfix.diagrams.paths.functions import Path
 from quietfix.diagrams.readers.ccsds.tdm_table import TDM_SUFFIXES, tdm_measurements
 from quietfix.diagrams.readers.measurements import MeasurementTable, read_measurements
+from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.clocks import Stepped, Times
 from quietfix.systems.playback.track_paths import TrackPaths
 from quietfix.systems.sensors.played_rows import PlayedRows, TableTrack
@@ -86,8 +87,8 @@ class Played:
         bus.add(target, gives={"target": "state", "truth": "state"})
 
 
-def table_of(path: FilePath) -> MeasurementTable:
-    """Return a table of measurements, read once for all that a command makes of it.
+def table_of(path: FilePath, two_way: str = "") -> MeasurementTable:
+    """Return a table of measurements, read once for all that a command makes of it; `two_way` as `tdm_measurements`.
 
     Raises
     ------
@@ -99,12 +100,16 @@ def table_of(path: FilePath) -> MeasurementTable:
         stamp = status.st_mtime_ns, status.st_size
     except (OSError, ValueError):
         stamp = 0, 0  # the reader says what is wrong
-    return _read(path, stamp)
+    return _read(path, stamp, two_way)
 
 
 @lru_cache(maxsize=2)
-def _read(path: FilePath, stamp: tuple[int, int]) -> MeasurementTable:
-    return tdm_measurements(path) if path.suffix.lower() in TDM_SUFFIXES else read_measurements(path)
+def _read(path: FilePath, stamp: tuple[int, int], two_way: str) -> MeasurementTable:
+    if path.suffix.lower() in TDM_SUFFIXES:
+        return tdm_measurements(path, two_way)
+    if two_way:
+        raise UserError(f"measurements.two_way: {two_way} is for a Tracking Data Message only, not {path.name}")
+    return read_measurements(path)
 
 
 def played(

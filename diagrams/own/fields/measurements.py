@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from quietfix.diagrams.paths.movers import Track
-from quietfix.systems.documented import documented, text
+from quietfix.systems.documented import choice, documented, text
 
 __all__ = ["Measurements"]
 
@@ -19,6 +19,12 @@ class Measurements:
     """
 
     file: str = text("path, relative to the scenario's file")
+    two_way: str = choice(
+        "of a Tracking Data Message: what two-way ranges and range rates are of the way there and back, which its "
+        "parties agree on; empty: they are refused",
+        "",
+        ("", "half", "whole"),
+    )
     truth: Track | None = documented(
         "where the target was, of several with a column target; null: as target says, if it does", None
     )
