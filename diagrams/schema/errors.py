@@ -12,9 +12,7 @@ __all__ = ["UserError", "choose", "in_users_words", "one_line", "shown", "texts"
 
 _LONGEST = 2000  # characters of a message
 _BRIEF = 60
-
-
-_LONGEST = 100  # characters of a name that is repeated to its user
+_LONGEST_NAME = 100  # characters of a name that is repeated to its user
 
 
 class UserError(ValueError):
@@ -39,7 +37,7 @@ def choose(what: str, value: str, allowed: Iterable[str]) -> str:
         return value
     near = difflib.get_close_matches(value, names, n=1)
     hint = f" (did you mean {near[0]}?)" if near else ""
-    name = value if len(value) <= _LONGEST else f"{value[:_LONGEST]}..."
+    name = value if len(value) <= _LONGEST_NAME else f"{value[:_LONGEST_NAME]}..."
     raise UserError(f"{what}: {name} is not known{hint}; {there}")
 
 
