@@ -8,6 +8,7 @@ import pytest
 
 from quietfix.diagrams.assembly.find import find
 from quietfix.diagrams.schema.errors import UserError
+from tests.diagrams.test_command_line import in_process
 
 DRONE = Path(__file__).parent / "drone.yaml"
 HEAD = "time_s,kind,receiver,reference,value,unit,sigma"
@@ -211,3 +212,18 @@ def test_files_cut_and_changed_anywhere(tmp_path):
             assert "\n" not in str(error)
             refused += 1
     assert 100 < refused < len(cases)
+
+
+def test_a_long_name_is_cut_short_and_a_long_message_is_not(tmp_path, monkeypatch, capsys):
+    """What is repeated of a file has at most 100 characters; of what is allowed nothing is lost."""
+    monkeypatch.chdir(tmp_path)
+    Path("log.csv").write_text(changed(0, "alpha", "golf" * 2000))
+    status, _, err = in_process(capsys, "run", str(DRONE), "--measurements", "log.csv")
+    assert status == 2 and err.count("\n") == 1 and len(err) < 400
+    assert f"receiver: {'golf' * 25}... is not known; there are alpha, bravo, charlie" in err
+    Path("log.csv").write_text(changed(1, "delta", "alpha" * 2000))
+    status, _, err = in_process(capsys, "run", str(DRONE), "--measurements", "log.csv")
+    assert status == 2 and "is not allowed for tdoa at bravo; delta" in err and len(err) < 400
+    Path("log.csv").write_text(changed(3, "deg", "rad"))
+    status, _, err = in_process(capsys, "run", str(DRONE), "--measurements", "log.csv")
+    assert status == 2 and " ... " not in err and "value: 60 rad is not allowed for azimuth_alpha; at most" in err

@@ -90,9 +90,7 @@ def test_two_way_as_its_parties_agree(read, units, kind, value, said, expected, 
     assert (receiver, reference, found) == ("dish", "", unit)
     assert table.series[0].target == "moon"
     assert f"taken as of {said} of the way there and back" in " ".join(table.notes)
-    with pytest.raises(
-        UserError, match=r"over 2 legs is not allowed: .* one way, PATH = 2,1, or measurements\.two_way"
-    ):
+    with pytest.raises(UserError, match=r"over 2 legs .* PATH = 2,1, or measurements\.two_way"):
         read(text)
 
 
