@@ -151,7 +151,10 @@ def _located(
         fdoa=rows[len(pairs) :],
         coherence=float(np.median(coherence)) if coherence.size else 0.0,
     )
-    return locate(said, known, settings.position, folder)
+    try:
+        return locate(said, known, settings.position, folder)
+    except UserError as error:  # what was measured is not lost for that
+        return Located(None, [f"no fix: {error}"])
 
 
 SYSTEM = System(

@@ -118,3 +118,14 @@ def test_the_covariance_is_honest(tmp_path, clocks, snr_db):
     print(np.mean(squared), np.max(squared))
     assert low < np.mean(squared) < high
     assert max(squared) < chi2.ppf(0.9999, 2)
+
+
+def test_platforms_that_are_not_known_then(tmp_path, capsys):
+    """A track that ends before the recordings: no fix, and why; what was measured is written all the same."""
+    paths = record(tmp_path, 6, located=False)
+    lines = [f"{name},2026-03-01T11:59:{s}Z,{a},{b},{c}" for name, (a, b, c) in RECEIVERS.items() for s in (10, 50)]
+    platforms = tmp_path / "platforms.csv"
+    platforms.write_text("\n".join(["name,time,latitude_deg,longitude_deg,height_m", *lines]) + "\n")
+    run(file=paths, settings=SETTINGS, platforms=platforms, out=tmp_path / "out")
+    assert "no fix: platforms.alpha.file: platforms.csv" in capsys.readouterr().out
+    assert (tmp_path / "out" / "measurements.csv").exists() and not (tmp_path / "out" / "fix").exists()

@@ -118,7 +118,7 @@ def test_channels_real_samples_and_long_files(tmp_path):
         (b"RIFF1234WAVE" + chunk(b"fmt ", layout()[:12] + b"\x09\0\x10\0"), "frames of 9 bytes are not allowed; 4"),
         (wav(tone())[:-1], "cut off at byte"),
         (wav(tone(size=1)), "1 samples are not allowed"),
-        (wav(tone(), extra=chunk(b"kiwi", bytes(10))), "quietfix replay kiwisdr"),
+        (wav(tone(), extra=chunk(b"kiwi", bytes(10))), "heard.wav"),
     ],
 )
 def test_each_field_that_is_wrong_has_its_line(tmp_path, content, said):

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.diagrams.readers.iq.data_bytes import FileData
+from quietfix.diagrams.readers.iq.kiwi import read_kiwi_file
 from quietfix.diagrams.readers.iq.recording import MOST_SAMPLES, IqRecording, Segment
 from quietfix.diagrams.readers.iq.samples import segments_of
 from quietfix.diagrams.schema.errors import UserError, shown
@@ -68,8 +69,12 @@ class _About:
     note: str = ""
 
 
+class _Stamped(Exception):
+    """Its samples are in pieces with GPS stamps."""
+
+
 def read_wav(path: Path) -> IqRecording:
-    """Read a recording.
+    """Read a recording; one of a KiwiSDR, with GPS stamps, by these.
 
     Raises
     ------
@@ -80,6 +85,8 @@ def read_wav(path: Path) -> IqRecording:
         data = FileData(path)
         layout, about, first, size, notes = _chunks(data)
         samples = _samples(data, layout, first, size)
+    except _Stamped:
+        return read_kiwi_file(path)
     except Unreadable as error:
         raise UserError(f"FILE: {error}") from error
     except ValueError as error:
@@ -123,9 +130,7 @@ def _chunks(data: FileData) -> tuple[_Format, _About, int, int, list[str]]:
         elif kind == b"auxi":
             about = _auxi(body)
         elif kind == b"kiwi":
-            raise ValueError(
-                "its samples are in pieces with GPS stamps (chunk kiwi); `quietfix replay kiwisdr` reads it"
-            )
+            raise _Stamped
         at += 8 + size + size % 2
     raise ValueError(f"more than {_MOST_CHUNKS} chunks are not allowed")
 

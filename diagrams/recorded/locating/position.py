@@ -36,8 +36,10 @@ FOLDER = "fix"
 """Name of the folder of the system that was written: within it ``quietfix run fix.yaml`` gives the same estimates."""
 
 _MOST_EPOCHS = 60  # of receivers that move, in the fix that a run starts from
+_ROUNDED = 2e-6  # s
 _WIDER = 10.0  # of the start, in sigmas of the fix from all epochs: a hundredth of what is known counts twice
 _LEAST = 0.1  # m
+_BENDS = 30e6  # Hz
 _DEEPEST = -500.0  # m: what is below is under the ground
 _STILL = 1e-3  # m/s: what a velocity that is zero may be
 _CORRELATED = 0.25  # between none and the half of differences with equal errors
@@ -109,7 +111,7 @@ def locate(heard: Heard, known: Known, settings: PositionSettings, folder: Path)
         return Located(None, [*notes, "no fix: nothing was measured between receivers whose places are known"])
     if not _doppler(settings, known, heard.carrier):
         fdoa = []
-        if settings.fdoa == "yes":
+        if settings.fdoa == "used":
             notes.append("position: FDOA is left out: nobody knows the carrier (core:frequency)")
     height = _height_row(settings, tdoa)
     write_rows(folder / "measurements.csv", heard.began, heard.times, [*tdoa, *fdoa, *height])
@@ -137,6 +139,11 @@ def locate(heard: Heard, known: Known, settings: PositionSettings, folder: Path)
             f"position: its height was taken to be {settings.height_m:g} m, with a standard deviation of "
             f"{settings.sigma_height_m:g} m (position.height_m, position.sigma_height_m)"
         )
+    if 0 < heard.carrier < _BENDS:
+        notes.append(
+            f"position: at {1e-3 * heard.carrier:.6g} kHz waves follow the ground and the ionosphere; straight lines "
+            "are assumed, and its sigmas do not tell of that"
+        )
     study = Study(str(file))
     report = study.report(join(list(study.chunks(False))))
     assert isinstance(report, MeasuredReport)
@@ -146,7 +153,7 @@ def locate(heard: Heard, known: Known, settings: PositionSettings, folder: Path)
 def _doppler(settings: PositionSettings, known: Known, carrier: float) -> bool:
     """Return whether FDOA tells of the place: where nothing moves, it only tells of oscillators."""
     moving = known.moving or settings.speed_mps > 0
-    return carrier > 0 and (settings.fdoa == "yes" or (settings.fdoa == "auto" and moving))
+    return carrier > 0 and (settings.fdoa == "used" or (settings.fdoa == "auto" and moving))
 
 
 def _height_row(settings: PositionSettings, tdoa: Sequence[Rows]) -> list[Rows]:
@@ -172,7 +179,7 @@ def _system(
     lines = [
         "# Where an emitter is, from differences of I/Q recordings. `quietfix run fix.yaml` gives the same estimates.",
         f"frame: {settings.frame}",
-        f"duration_s: {math.ceil(float(heard.times[-1]) - begin) + 1}",
+        f"duration_s: {round(float(heard.times[-1]) - begin + _ROUNDED, 6)!r}",
         "platforms:",
     ]
     for name in used:

@@ -18,4 +18,6 @@ class PositionSettings:
     sigma_height_m: float | None = number("its standard deviation; null: nothing is assumed", 1000.0, above=0)
     speed_mps: float = number("standard deviation of the emitter's speed per axis; 0: it stands", 0.0, at_least=0.0)
     density_m2ps3: float = number("of an emitter that moves: spectral density of its acceleration", 0.1, at_least=0.0)
-    fdoa: str = choice("whether FDOA counts; auto: where receivers or emitter move", "auto", ("auto", "yes", "no"))
+    fdoa: str = choice(
+        "whether FDOA counts; auto: where receivers or emitter move", "auto", ("auto", "used", "left_out")
+    )
