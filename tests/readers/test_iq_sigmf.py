@@ -149,7 +149,7 @@ POINT = {"type": "Point", "coordinates": [11.5, 48.1]}
         ({"geolocation": {"type": "LineString", "coordinates": [11.5, 48.1]}}, "core:geolocation"),
         ({"captures": [{"sample_start": -1}]}, "core:sample_start: -1 is not allowed"),
         ({"captures": [{"sample_start": 0, "frequency": -1e6}]}, "core:frequency: -1e.06 is not allowed; >= 0 Hz"),
-        ({"captures": [{"sample_start": 0, "datetime": "noon"}]}, "core:datetime: noon is not allowed"),
+        ({"captures": [{"sample_start": 0, "datetime": "noon"}]}, "core:datetime: 'noon' is not allowed"),
         ({"captures": [{"sample_start": 0, "global_index": 0.5}]}, "core:global_index: 0.5 is not allowed"),
         ({"captures": [{"sample_start": 0, "header_bytes": "2"}]}, "core:header_bytes: 2 is not allowed"),
         ({"captures": [{"sample_start": 0, "geolocation": [1, 2]}]}, r"core:geolocation: \[1, 2\] is not allowed"),
