@@ -13,6 +13,8 @@ from quietfix.systems.filters.gaussian import GaussianFilter, predict_extended
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.square_root import Gains, Posterior, report
 from quietfix.systems.filters.whitening import missing_rows
+from quietfix.systems.kernels.equations import are_own, program
+from quietfix.systems.kernels.unscented.calls import predicted, updated
 from quietfix.systems.linear_algebra import cholesky, inverse_lower, symmetric
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
@@ -67,7 +69,10 @@ class UnscentedKalman(GaussianFilter):
         """See `GaussianFilter.predict`; in closed form where the motion is linear."""
         if motion.linear:
             return predict_extended(mean, covariance, motion, dt)
-        c, weight, centre = self._weights(mean.shape[-1])
+        weights = c, weight, centre = self._weights(mean.shape[-1])
+        step = motion.equations(dt) if are_own(type(motion)) else None
+        if step is not None:
+            return predicted(mean, covariance, step, motion.held, weights)
         spread = c * np.swapaxes(cholesky(covariance), -1, -2)
         wide = mean[..., None, :]
         middle = motion.propagate(mean, dt)[..., None, :]
@@ -75,15 +80,19 @@ class UnscentedKalman(GaussianFilter):
         minus = motion.propagate(wide - spread, dt) - middle
         shift = weight * (plus + minus).sum(axis=-2, keepdims=True)
         moved = np.concatenate([plus - shift, minus - shift], axis=-2)
-        predicted = weight * (np.swapaxes(moved, -1, -2) @ moved)
-        predicted += centre * np.swapaxes(shift, -1, -2) * shift
-        predicted = symmetric(predicted) + motion.process_noise(mean, dt)
-        return (middle + shift)[..., 0, :], predicted
+        after = weight * (np.swapaxes(moved, -1, -2) @ moved)
+        after += centre * np.swapaxes(shift, -1, -2) * shift
+        after = symmetric(after) + motion.process_noise(mean, dt)
+        return (middle + shift)[..., 0, :], after
 
     def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:
         """See `GaussianFilter.update`."""
         n = mean.shape[-1]
-        c, weight, centre = self._weights(n)
+        weights = c, weight, centre = self._weights(n)
+        compiled = program(model)
+        if compiled is not None:
+            value, platforms, noise = observation.value, observation.platforms, observation.noise_covariance
+            return Posterior(*updated(mean, covariance, value, platforms, noise, compiled, weights))
         root = cholesky(covariance)
         values = model.predict(_points(mean, c * root), observation.platforms[:, None])
         middle = values[..., :1, :]

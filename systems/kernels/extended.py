@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from quietfix.systems.kernels.compiling import compiled, inlined
-from quietfix.systems.kernels.gains import correct, posterior_covariance, whiten_rows
+from quietfix.systems.kernels.gains import advance, correct, least, nothing, posterior_covariance, tell, whiten_rows
 from quietfix.systems.kernels.matrices import cholesky, copy
 from quietfix.systems.kernels.rows import OK, evaluate, mark_missing, residual, whitening
 
@@ -57,7 +57,7 @@ def update(
     whole = False  # whether `weight` is that of noise that all trials share, without a missing row
     for t in range(trials):
         if not cholesky(mean, covariance, t, squares[3:], root):
-            _nothing(t, out_mean, out_covariance, innovation, nis, used)
+            nothing(t, out_mean, out_covariance, innovation, nis, used)
             continue
         seen = platforms[t if platforms.shape[0] > 1 else 0]
         copy(mean[t], x, there)
@@ -76,13 +76,13 @@ def update(
                     if went != OK:
                         return t * 4096 + went
                     whole = count == m and noise.shape[0] == 1
-                _tell(t, difference, missing, innovation)
+                tell(t, difference, missing, innovation)
             _pull(difference, jacobian, chosen, missing, there, x)
             whiten_rows(weight, difference, jacobian, chosen, missing, root, tables[1], whitened, rows)
             next_wide = correct(rows, whitened, next_gram, y, spare)
             if iteration == 0:
-                nis[t] = _least(rows, whitened, y) if count > 0 else math.nan
-            step = _step(x, root, y, there, moved)
+                nis[t] = least(rows, whitened, y) if count > 0 else math.nan
+            step = advance(x, root, y, there, moved)
             if iteration > 0 and not math.isfinite(step):
                 break  # an iterate outside of where the model is defined: such a trial stays at the one before
             there, moved, gram, next_gram, wide = moved, there, next_gram, gram, next_wide
@@ -112,23 +112,6 @@ def _rooms(space: Any, n: int, m: int, full: int) -> Any:
 
 
 @inlined
-def _tell(t: int, difference: Any, missing: Any, innovation: Any) -> None:
-    for i in range(difference.shape[0]):
-        innovation[t, i] = math.nan if missing[i] > 0.0 else difference[i]
-
-
-@inlined
-def _nothing(t: int, mean: Any, covariance: Any, innovation: Any, nis: Any, used: Any) -> None:
-    nis[t], used[t] = math.nan, 0.0
-    for i in range(mean.shape[1]):
-        mean[t, i] = math.nan
-        for j in range(mean.shape[1]):
-            covariance[t, i, j] = math.nan
-    for i in range(innovation.shape[1]):
-        innovation[t, i] = math.nan
-
-
-@inlined
 def _pull(difference: Any, jacobian: Any, chosen: Any, missing: Any, here: Any, x: Any) -> None:
     """Add H (here - x) to the residual: what it would be, were the prior's mean linearised here; 0 in missing rows."""
     for i in range(difference.shape[0]):
@@ -136,32 +119,3 @@ def _pull(difference: Any, jacobian: Any, chosen: Any, missing: Any, here: Any, 
         for k in range(x.shape[0]):
             total += jacobian[chosen[i], k] * (here[k] - x[k])
         difference[i] = 0.0 if missing[i] > 0.0 else difference[i] + total
-
-
-@inlined
-def _least(rows: Any, whitened: Any, y: Any) -> float:
-    """Return |r - Y y|^2 + |y|^2: the normalised innovation squared."""
-    total, more = 0.0, 0.0
-    for i in range(rows.shape[0]):
-        left = whitened[i]
-        predicted = 0.0
-        for j in range(rows.shape[1]):
-            predicted += rows[i, j] * y[j]
-        left -= predicted
-        total += left * left
-    for j in range(rows.shape[1]):
-        more += y[j] * y[j]
-    return total + more
-
-
-@inlined
-def _step(mean: Any, root: Any, y: Any, here: Any, out: Any) -> float:
-    """Write mean + L y; return the squared distance from `here`."""
-    square = 0.0
-    for i in range(mean.shape[0]):
-        total = 0.0
-        for k in range(i + 1):
-            total += root[i, k] * y[k]
-        out[i] = mean[i] + total
-        square += (out[i] - here[i]) * (out[i] - here[i])
-    return square

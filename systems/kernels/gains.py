@@ -8,7 +8,7 @@ from typing import Any
 from quietfix.systems.kernels.compiling import inlined
 from quietfix.systems.kernels.matrices import absorb, factor, solve_lower, solve_upper_of_lower
 
-__all__ = ["correct", "posterior_covariance", "whiten_rows"]
+__all__ = ["advance", "correct", "least", "nothing", "posterior_covariance", "tell", "whiten_rows"]
 
 _WIDE = 1e8  # as in quietfix.systems.filters.square_root
 _EPSILON = 2.220446049250313e-16
@@ -96,3 +96,51 @@ def posterior_covariance(t: int, root: Any, gram: Any, wide: int, half: Any, cov
                 total += n * n * _EPSILON * total
             covariance[t, i, j] = total
             covariance[t, j, i] = total
+
+
+@inlined
+def tell(t: int, difference: Any, missing: Any, innovation: Any) -> None:
+    """Write the innovation of trial t; NaN in missing rows."""
+    for i in range(difference.shape[0]):
+        innovation[t, i] = math.nan if missing[i] > 0.0 else difference[i]
+
+
+@inlined
+def nothing(t: int, mean: Any, covariance: Any, innovation: Any, nis: Any, used: Any) -> None:
+    """Write NaN for a trial whose prior is not finite."""
+    nis[t], used[t] = math.nan, 0.0
+    for i in range(mean.shape[1]):
+        mean[t, i] = math.nan
+        for j in range(mean.shape[1]):
+            covariance[t, i, j] = math.nan
+    for i in range(innovation.shape[1]):
+        innovation[t, i] = math.nan
+
+
+@inlined
+def least(rows: Any, whitened: Any, y: Any) -> float:
+    """Return |r - Y y|^2 + |y|^2: the normalised innovation squared."""
+    total, more = 0.0, 0.0
+    for i in range(rows.shape[0]):
+        left = whitened[i]
+        predicted = 0.0
+        for j in range(rows.shape[1]):
+            predicted += rows[i, j] * y[j]
+        left -= predicted
+        total += left * left
+    for j in range(rows.shape[1]):
+        more += y[j] * y[j]
+    return total + more
+
+
+@inlined
+def advance(mean: Any, root: Any, y: Any, here: Any, out: Any) -> float:
+    """Write mean + L y; return the squared distance from `here`."""
+    square = 0.0
+    for i in range(mean.shape[0]):
+        total = 0.0
+        for k in range(i + 1):
+            total += root[i, k] * y[k]
+        out[i] = mean[i] + total
+        square += (out[i] - here[i]) * (out[i] - here[i])
+    return square

@@ -7,7 +7,7 @@ from typing import Any
 
 from quietfix.systems.kernels.compiling import inlined
 
-__all__ = ["absorb", "cholesky", "copy", "factor", "solve_lower", "solve_upper_of_lower"]
+__all__ = ["absorb", "cholesky", "copy", "factor", "repair", "solve_lower", "solve_upper_of_lower"]
 
 _SMALLEST_EIGENVALUE = 1e-12  # as in quietfix.systems.linear_algebra
 _TINY = 2.2250738585072014e-308
@@ -58,13 +58,16 @@ def cholesky(mean: Any, covariance: Any, t: int, work: Any, root: Any) -> bool:
         for i in range(n):
             for j in range(n):
                 work[0, i, j] = covariance[t, i, j]
-        _repair(work, n, root)
+        repair(work, n, root)
     return finite
 
 
 @inlined
-def _repair(work: Any, n: int, root: Any) -> None:
-    """Raise the eigenvalues of the correlation matrix to the smallest allowed, and triangulate the square root."""
+def repair(work: Any, n: int, root: Any) -> None:
+    """Write the factor of a matrix, `work[0]` of (3, n, n), that is not positive definite to rounding.
+
+    The eigenvalues of its correlation matrix are raised to the smallest allowed, and the square root is triangulated.
+    """
     matrix, correlation, tall = work[0], work[1], work[2]
     vectors = root
     for i in range(n):

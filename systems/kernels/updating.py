@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from quietfix.systems.kernels.equations import Program, Step
 from quietfix.systems.kernels.loading import ready
 
-__all__ = ["by_kernel", "by_matrix", "extended", "fit", "plain", "raised"]
+__all__ = ["NO_INPUT", "by_kernel", "by_matrix", "extended", "fail", "fit", "plain", "raised"]
 
 Array = NDArray[np.float64]
 
-_NO_INPUT = np.zeros((1, 1, 1))
+NO_INPUT = np.zeros((1, 1, 1))
 _REASONS = {
     1: "the noise covariance must be finite in every row that is measured",
     2: "the noise covariance must be positive definite: rows are fully correlated",
@@ -87,7 +87,7 @@ def extended(
         *out,
     )
     if code:
-        _fail(code, program, states, seen)
+        fail(code, program, states, seen)
     return out
 
 
@@ -96,7 +96,8 @@ def workspace(n: int, m: int, rows: int) -> int:
     return 5 * n + 3 * m + rows * (n + 1) + 6 * n * n + 2 * m * n + 2 * m * m
 
 
-def _fail(code: int, program: Program, states: Array, platforms: Array) -> None:
+def fail(code: int, program: Program, states: Array, platforms: Array) -> None:
+    """Raise what an update returned; see `quietfix.systems.kernels.extended.update`."""
     trial, part, reason = code >> 12, (code >> 4) & 255, code & 15
     if reason in _REASONS:
         raise ValueError(_REASONS[reason])
@@ -143,7 +144,7 @@ def by_kernel(mean: Array, covariance: Array, step: Step, held: Array | None) ->
     """
     states, spread = plain(mean), plain(covariance)
     n = states.shape[-1]
-    inputs = _NO_INPUT if held is None else plain(held[..., None, :].reshape(-1, 1, held.shape[-1]))
+    inputs = NO_INPUT if held is None else plain(held[..., None, :].reshape(-1, 1, held.shape[-1]))
     moved, out = np.empty(states.shape), np.empty(spread.shape)
     code = ready("predicting:by_kernel")(
         states, spread, inputs, step.parts, step.parameters, step.noise, np.empty((3, n, n)), moved, out

@@ -1,0 +1,1 @@
+"""The compiled unscented filter: sigma points through a measurement, sigma points through a motion."""

@@ -1,0 +1,85 @@
+"""The compiled unscented filter, called with arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quietfix.systems.kernels.equations import Program, Step
+from quietfix.systems.kernels.loading import ready
+from quietfix.systems.kernels.updating import NO_INPUT, fail, fit, plain
+
+__all__ = ["predicted", "updated"]
+
+Array = NDArray[np.float64]
+Weights = tuple[float, float, float]
+
+
+def updated(
+    mean: Array,
+    covariance: Array,
+    measurement: Array,
+    platforms: Array,
+    noise: Array,
+    program: Program,
+    weights: Weights,
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return mean, covariance, innovation, NIS and rows used of the unscented Kalman update.
+
+    Arguments as of `quietfix.systems.filters.gaussian.GaussianFilter.update`; `noise` is R (m, m) or (trials, m, m),
+    `weights` how many columns of the root a point lies off, the weight of an outer point, and that of the centre in a
+    covariance.
+
+    Raises
+    ------
+    ValueError
+        Where R is not positive definite, platforms are too few, or a user's kernel raised.
+    """
+    trials, n = mean.shape
+    m = measurement.shape[-1]
+    fit(program, n, platforms)
+    if noise.ndim == 2:
+        noise = noise[None]
+    states, spread, seen = plain(mean), plain(covariance), plain(platforms)
+    out = np.empty((trials, n)), np.empty((trials, n, n)), np.empty((trials, m)), np.empty(trials), np.empty(trials)
+    code = ready("unscented.update:update")(
+        states,
+        spread,
+        plain(measurement),
+        seen,
+        plain(noise),
+        program.parts,
+        program.chosen,
+        program.parameters,
+        program.moduli,
+        *weights,
+        np.empty(_workspace(n, m, program.rows)),
+        *out,
+    )
+    if code:
+        fail(code, program, states, seen)
+    return out
+
+
+def _workspace(n: int, m: int, rows: int) -> int:
+    return 3 * n + 5 * m + 3 * rows + 4 * n * n + 3 * n * m + 6 * m * m
+
+
+def predicted(mean: Array, covariance: Array, step: Step, held: Array | None, weights: Weights) -> tuple[Array, Array]:
+    """Return mean and covariance after a compiled step of a motion, whose input is `held` (trials, k).
+
+    Raises
+    ------
+    ValueError
+        Where a user's kernel raised.
+    """
+    states, spread = plain(mean), plain(covariance)
+    n = states.shape[-1]
+    inputs = NO_INPUT if held is None else plain(held[..., None, :].reshape(-1, 1, held.shape[-1]))
+    moved, out = np.empty(states.shape), np.empty(spread.shape)
+    code = ready("unscented.prediction:predict")(
+        states, spread, inputs, step.parts, step.parameters, step.noise, *weights, np.empty((7, n, n)), moved, out
+    )
+    if code >= 0:
+        raise ValueError(f"motion: its kernel raised for a state {states[code >> 8].tolist()}")
+    return moved, out

@@ -1,0 +1,250 @@
+"""The unscented Kalman update of many trials, one after the other; `quietfix.systems.filters.unscented` derives it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from quietfix.systems.kernels.compiling import compiled, inlined
+from quietfix.systems.kernels.extended import RAISED
+from quietfix.systems.kernels.gains import advance, correct, least, nothing, posterior_covariance, tell
+from quietfix.systems.kernels.matrices import cholesky, factor, repair
+from quietfix.systems.kernels.rows import OK, evaluate, whitening, wrapped
+
+__all__ = ["update"]
+
+_SIGNATURE = (
+    "int64(float64[:,::1],float64[:,:,::1],float64[:,::1],float64[:,:,::1],float64[:,:,::1],"
+    "int64[:,::1],int64[::1],float64[::1],float64[::1],float64,float64,float64,float64[::1],"
+    "float64[:,::1],float64[:,:,::1],float64[:,::1],float64[::1],float64[::1])"
+)
+
+
+@compiled(_SIGNATURE)
+def update(
+    mean: Any,
+    covariance: Any,
+    measurement: Any,
+    platforms: Any,
+    noise: Any,
+    parts: Any,
+    chosen: Any,
+    parameters: Any,
+    moduli: Any,
+    c: float,
+    weight: float,
+    centre: float,
+    space: Any,
+    out_mean: Any,
+    out_covariance: Any,
+    innovation: Any,
+    nis: Any,
+    used: Any,
+) -> int:
+    """Update every trial; arguments and what is returned as of `quietfix.systems.kernels.extended.update`.
+
+    `c` is how many columns of the root a sigma point lies off, `weight` that of an outer point, `centre` that of the
+    middle one in a covariance; `space` is `quietfix.systems.kernels.unscented.calls.workspace` numbers.
+    """
+    trials, n = mean.shape
+    m, full = chosen.shape[0], parts[parts.shape[0] - 1, 2]
+    vectors, rows_of_m, values, squares, of_points, small = _rooms(space, n, m, full)
+    point, y, spare = vectors[0], vectors[1], vectors[2]
+    nu, shift, missing, whitened, bend = rows_of_m[0], rows_of_m[1], rows_of_m[2], rows_of_m[3], rows_of_m[4]
+    root, gram = squares[0], squares[1]
+    odd, even, rows = of_points[0], of_points[1], of_points[2].reshape(m, n)
+    w, omega, inflated = small[0], small[1], small[2]
+    whole = False  # whether `w` is that of noise that all trials share, without a missing row
+    for t in range(trials):
+        if not cholesky(mean, covariance, t, squares[1:], root):
+            nothing(t, out_mean, out_covariance, innovation, nis, used)
+            continue
+        seen = platforms[t if platforms.shape[0] > 1 else 0]
+        failed = _differences(
+            t, mean, root, seen, parts, parameters, chosen, moduli, c, weight, point, values, odd, even, shift
+        )
+        if failed >= 0:
+            return (t * 256 + failed) * 16 + RAISED
+        count = _innovation(t, measurement, values[0], chosen, moduli, odd, even, shift, nu, missing)
+        if not (whole and count == m):
+            went = whitening(t if noise.shape[0] > 1 else 0, noise, missing, omega, w)
+            if went != OK:
+                return t * 4096 + went
+            whole = count == m and noise.shape[0] == 1
+        tell(t, nu, missing, innovation)
+        _inflation(even, shift, w, weight, centre, bend, omega)
+        _whiten(omega, w, small[3:], inflated, nu, odd, whitened, rows)
+        wide = correct(rows, whitened, gram, y, spare)
+        nis[t] = least(rows, whitened, y) if count > 0 else math.nan
+        used[t] = count
+        advance(mean[t], root, y, mean[t], out_mean[t])
+        posterior_covariance(t, root, gram, wide, squares[2], out_covariance)
+    return 0
+
+
+@inlined
+def _rooms(space: Any, n: int, m: int, full: int) -> Any:
+    """Return three vectors (n,), five (m,), values of three points, four (n, n), three (n, m) and six (m, m)."""
+    a = 3 * n
+    b = a + 5 * m
+    d = b + 3 * full
+    e = d + 4 * n * n
+    f = e + 3 * n * m
+    return (
+        space[:a].reshape(3, n),
+        space[a:b].reshape(5, m),
+        space[b:d].reshape(3, full),
+        space[d:e].reshape(4, n, n),
+        space[e:f].reshape(3, n, m),
+        space[f : f + 6 * m * m].reshape(6, m, m),
+    )
+
+
+@inlined
+def _differences(
+    t: int,
+    mean: Any,
+    root: Any,
+    seen: Any,
+    parts: Any,
+    parameters: Any,
+    chosen: Any,
+    moduli: Any,
+    c: float,
+    weight: float,
+    point: Any,
+    values: Any,
+    odd: Any,
+    even: Any,
+    shift: Any,
+) -> int:
+    """Write the odd and the even parts (n, m) of h(x +- c L e) - h(x), and the mean of h less h(x).
+
+    Return the number of the part that raised, or -1.
+    """
+    n, m = odd.shape
+    alone = root[:0]  # without a row: values alone
+    for i in range(n):
+        point[i] = mean[t, i]
+    failed = evaluate(parts, parameters, point, seen, values[0], alone)
+    if failed >= 0:
+        return failed
+    for i in range(m):
+        shift[i] = 0.0
+    for k in range(n):
+        for i in range(k, n):
+            point[i] = mean[t, i] + c * root[i, k]
+        failed = evaluate(parts, parameters, point, seen, values[1], alone)
+        if failed >= 0:
+            return failed
+        for i in range(k, n):
+            point[i] = mean[t, i] - c * root[i, k]
+        failed = evaluate(parts, parameters, point, seen, values[2], alone)
+        if failed >= 0:
+            return failed
+        point[k] = mean[t, k]  # the columns to come are zero above their diagonal
+        for i in range(m):
+            row = chosen[i]
+            plus = wrapped(values[1, row] - values[0, row], moduli[i])
+            minus = wrapped(values[2, row] - values[0, row], moduli[i])
+            odd[k, i] = (plus - minus) / (2.0 * c)
+            even[k, i] = 0.5 * (plus + minus)
+            shift[i] += even[k, i]
+    for i in range(m):
+        shift[i] *= 2.0 * weight
+    return -1
+
+
+@inlined
+def _innovation(
+    t: int,
+    measured: Any,
+    middle: Any,
+    chosen: Any,
+    moduli: Any,
+    odd: Any,
+    even: Any,
+    shift: Any,
+    nu: Any,
+    missing: Any,
+) -> int:
+    """Write the innovation, 0 with all that belongs to a row that is missing; return how many are there."""
+    n, m = odd.shape
+    count = 0
+    for i in range(m):
+        nu[i] = wrapped(measured[t, i] - middle[chosen[i]], moduli[i]) - shift[i]
+        there = math.isfinite(nu[i])  # what is missing in one of the points is so in their mean
+        missing[i] = 0.0 if there else 1.0
+        count += there
+        if not there:
+            nu[i] = shift[i] = 0.0
+            for k in range(n):
+                odd[k, i] = even[k, i] = 0.0
+    return count
+
+
+@inlined
+def _inflation(even: Any, shift: Any, w: Any, weight: float, centre: float, bend: Any, omega: Any) -> None:
+    """Write I + Omega, whitened by the lower triangular `w`; its lower triangle alone."""
+    n, m = even.shape
+    for i in range(m):
+        total = 0.0
+        for j in range(i + 1):
+            total += w[i, j] * shift[j]
+        bend[i] = total
+        for j in range(i + 1):
+            omega[i, j] = 0.0
+    for k in range(n):
+        for i in range(m - 1, -1, -1):  # in place: row i of W needs the elements up to i
+            total = 0.0
+            for j in range(i + 1):
+                total += w[i, j] * (even[k, j] - shift[j])
+            even[k, i] = total
+        for i in range(m):
+            for j in range(i + 1):
+                omega[i, j] += even[k, i] * even[k, j]
+    for i in range(m):
+        for j in range(i + 1):
+            omega[i, j] = 2.0 * weight * omega[i, j] + centre * bend[i] * bend[j]
+        omega[i, i] += 1.0
+
+
+@inlined
+def _whiten(omega: Any, w: Any, work: Any, inflated: Any, nu: Any, odd: Any, whitened: Any, rows: Any) -> None:
+    """Write F nu and the rows F odd^T (m, n), F the inverse of the root of R + Omega; NaN where it has none."""
+    m = w.shape[0]
+    _root(omega, work)
+    for i in range(m):
+        for j in range(i + 1):
+            total = w[i, j]
+            for k in range(j, i):
+                total -= omega[i, k] * inflated[k, j]
+            inflated[i, j] = total / omega[i, i]
+    for i in range(m):
+        total = 0.0
+        for j in range(i + 1):
+            total += inflated[i, j] * nu[j]
+        whitened[i] = total
+        for k in range(rows.shape[1]):
+            total = 0.0
+            for j in range(i + 1):
+                total += inflated[i, j] * odd[k, j]
+            rows[i, k] = total
+
+
+@inlined
+def _root(omega: Any, work: Any) -> None:
+    """Replace the lower triangle by its factor, repaired where the centre's weight is so negative that it has none."""
+    m = omega.shape[0]
+    finite = True
+    for i in range(m):
+        for j in range(i + 1):
+            finite = finite and math.isfinite(omega[i, j])
+            work[0, i, j] = work[0, j, i] = omega[i, j]
+    if not factor(omega, m):
+        if finite:
+            repair(work, m, omega)
+        else:
+            for i in range(m):
+                for j in range(i + 1):
+                    omega[i, j] = math.nan
