@@ -41,8 +41,9 @@ from quietfix.diagrams.parts.impairment import KnownPlatforms
 from quietfix.diagrams.parts.movers import Platforms
 from quietfix.diagrams.parts.sensing import TargetSensor
 from quietfix.diagrams.paths.functions import Path, path_of, paths_of
-from quietfix.diagrams.paths.movers import Mover, Platform, RandomMotion, Tle
+from quietfix.diagrams.paths.movers import Gpx, Mover, Platform, RandomMotion, Tle
 from quietfix.diagrams.paths.places import Places
+from quietfix.diagrams.paths.receivers import doubtful_heights
 from quietfix.diagrams.paths.records import Setting, old_elements
 from quietfix.diagrams.paths.tables import doubtful_table
 from quietfix.diagrams.schema.errors import UserError, shown
@@ -237,12 +238,13 @@ def _mover(target: Mover | RandomMotion) -> Mover:
 
 
 def _doubtful(scenario: OwnScenario, setting: Setting, kinds: Sequence[Measured]) -> str:
-    """Return which two-line elements are old, which tables of platforms may be cut, and what no atmosphere delays."""
+    """Return which two-line elements are old, which tables of platforms may be cut, which heights are above what."""
     movers = {f"platforms.{name}": one for name, one in scenario.platforms.items()}
     if scenario.target is not None and not isinstance(scenario.target, plants.Custom):
         movers["target"] = _mover(scenario.target)
     notes = [old_elements(one, setting, where) for where, one in movers.items() if isinstance(one, Tle)]
     notes += [doubtful_table(one, setting, where) for where, one in movers.items() if isinstance(one, Platform)]
+    notes += [doubtful_heights(one, setting, where) for where, one in movers.items() if isinstance(one, Gpx)]
     notes.append(unaffected(scenario, {kind.name: (kind.field, kind.real) for kind in kinds}))
     return " ".join(dict.fromkeys(note for note in notes if note))
 

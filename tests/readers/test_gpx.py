@@ -127,3 +127,22 @@ def replaced(name):
 
     one = np.zeros(1)
     return GpxTrack(name, np.array([10**9]), one, one, one, one, one, np.zeros(1, dtype=np.int64))
+
+
+def test_heights_above_the_geoid_are_said(tmp_path):
+    """EGM96 is between -107 m south of India and 86 m in New Guinea (NIMA TR8350.2)."""
+    from quietfix.diagrams.paths.movers import Gpx
+    from quietfix.diagrams.paths.receivers import doubtful_heights
+    from quietfix.diagrams.paths.records import Setting
+
+    head = '<gpx version="1.1" creator="x" xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>'
+    points = [
+        f'<trkpt lat="48" lon="11"><ele>500</ele><time>2026-01-01T00:00:0{i}Z</time>{more}</trkpt>'
+        for i, more in enumerate(("<geoidheight>47</geoidheight>", ""))
+    ]
+    (tmp_path / "a.gpx").write_text(f"{head}{''.join(points)}</trkseg></trk></gpx>")
+    setting = Setting(1.0, None, tmp_path)
+    said = doubtful_heights(Gpx("a.gpx"), setting, "target")
+    assert said.startswith("target.file: a.gpx: <ele> is above the geoid, and taken as above the ellipsoid at 1 points")
+    assert not doubtful_heights(Gpx("a.gpx", geoid_m=47.0), setting, "target")
+    assert not doubtful_heights(Gpx("a.gpx", height_m=547.0), setting, "target")
