@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import MeasurementModel, positive
 
 __all__ = ["Bearing", "from_compass", "to_compass"]
@@ -52,6 +53,18 @@ class Bearing(MeasurementModel):
 
     def _offset(self, target: Array, platforms: Array) -> Array:
         return target[..., : self._axes] - platforms[..., self.platform, : self._axes]
+
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        return of_kernel(
+            "angles:bearing",
+            [self.platform],
+            self.size,
+            modulus=2 * np.pi,
+            states=self._axes,
+            platforms=[self.platform],
+            coordinates=self._axes,
+        )
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""

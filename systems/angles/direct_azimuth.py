@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import MeasurementModel, positive
 
 __all__ = ["DirectAzimuth"]
@@ -29,6 +30,10 @@ class DirectAzimuth(MeasurementModel):
 
     def __init__(self, sigma: float) -> None:
         self.sigma = positive(sigma, "sigma_bearing", "rad")
+
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        return of_kernel("states:components", [0], 1, modulus=2 * np.pi, states=1)
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""

@@ -11,6 +11,7 @@ from quietfix.systems.angle_wrapping import wrap
 from quietfix.systems.constants import EARTH_RATE
 from quietfix.systems.geometry.body_frame import body_frame
 from quietfix.systems.geometry.lines_of_sight import LineOfSight
+from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import positive
 from quietfix.systems.measurement.sighted import SightedModel
 
@@ -101,6 +102,13 @@ class Direction(BodyDirection):
             angles[0, ...] += np.where(behind, np.copysign(np.pi, y), 0.0)
         return np.moveaxis(angles, 0, -1)
 
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        parameters = [self.earth_rate, self.platform]
+        return of_kernel(
+            "angles:direction", parameters, 2, modulus=(2 * np.pi, 0.0), states=3, platforms=[self.platform]
+        )
+
     def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
         """See `SightedModel.predict_from`."""
         return self._angles(self._body(sight, platforms)[1])
@@ -167,6 +175,11 @@ class DirectionCosines(BodyDirection):
     def __init__(self, sigma: float, platform: int = 0, earth_rate: float = EARTH_RATE) -> None:
         super().__init__(platform, earth_rate)
         self.sigma = positive(sigma, "sigma_cosine", "rad")
+
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        parameters = [self.earth_rate, self.platform]
+        return of_kernel("angles:direction_cosines", parameters, 2, states=3, platforms=[self.platform])
 
     def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
         """See `SightedModel.predict_from`."""

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from quietfix.systems.angles.bearing import Bearing
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
+from quietfix.systems.kernels.equations import Equations, of_kernel
 
 __all__ = ["HorizonBearing"]
 
@@ -36,6 +37,18 @@ class HorizonBearing(Bearing):
         latitude, longitude, _ = ecef_to_geodetic(place)
         rotation = enu_rotation(latitude, longitude)
         return (rotation @ (target[..., :3] - place)[..., None])[..., 0], rotation
+
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        return of_kernel(
+            "angles:horizon_bearing",
+            [self.platform],
+            self.size,
+            modulus=2 * np.pi,
+            states=3,
+            platforms=[self.platform],
+            coordinates=3,
+        )
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""

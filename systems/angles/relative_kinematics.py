@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.angle_wrapping import wrap
+from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import MeasurementModel, positive
 from quietfix.systems.trajectories.gravity import GravityConstants, acceleration, gradient
 
@@ -103,6 +104,19 @@ class RelativeKinematics(MeasurementModel):
         self._rows = [list(ROWS).index(row) for row in self.names]
         self._accelerated = "radial_acceleration" in self.names
         self._angles = np.array([row in ("azimuth", "elevation") for row in self.names])
+
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        earth = self.constants
+        flat = 1.5 * earth.j2 * earth.radius**2 if self.j2 else 0.0
+        return of_kernel(
+            "kinematics:relative_kinematics",
+            [self.observer, earth.mu, flat, *self._rows],
+            self.size,
+            modulus=[2 * np.pi if angle else 0.0 for angle in self._angles],
+            states=6,
+            platforms=[self.observer],
+        )
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""

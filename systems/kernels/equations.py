@@ -30,7 +30,7 @@ class Equations:
     Attributes
     ----------
     kernels : tuple
-        One after the other: ``module:function`` of this room, or a function that a user has decorated with
+        One after the other: ``module:function`` of the room `models`, or a function that a user has decorated with
         `quietfix.systems.kernels.calling.kernel`.
     sizes : tuple of int
         Rows of each.
@@ -40,8 +40,9 @@ class Equations:
         Which of all these rows are the model's.
     moduli : tuple of float
         Of the model's rows: residuals are wrapped into [-modulus/2, modulus/2); 0 where they are not.
-    states, platforms : int
-        How many of each the kernels read, at least: compiled code does not look where an array ends.
+    states, platforms, coordinates : int
+        How many states, platforms and coordinates of each platform the kernels read, at least: compiled code does not
+        look where an array ends.
     """
 
     kernels: tuple[Kernel, ...]
@@ -51,6 +52,7 @@ class Equations:
     moduli: tuple[float, ...]
     states: int
     platforms: int
+    coordinates: int
 
     def rows(self, which: Sequence[int]) -> Equations:
         """Return the equations of some of the model's rows."""
@@ -63,16 +65,30 @@ def of_kernel(
     parameters: Sequence[float],
     rows: int,
     *,
-    modulus: float = 0.0,
+    modulus: float | Sequence[float] = 0.0,
     states: int = 0,
     platforms: Sequence[int] = (),
+    coordinates: int = 6,
 ) -> Equations:
-    """Return the equations of one kernel's rows, which reads so many states, and the platforms of those numbers."""
+    """Return the equations of one kernel's rows.
+
+    It reads so many states, and so many coordinates of the platforms of those numbers; residuals are wrapped by
+    `modulus`, one or one of each row.
+    """
     needed = max(platforms, default=-1) + 1
     if min(platforms, default=0) < 0:
         raise ValueError(f"platforms: {min(platforms)} is not allowed; numbers >= 0")
-    moduli = (float(modulus),) * rows
-    return Equations((kernel,), (rows,), (tuple(map(float, parameters)),), tuple(range(rows)), moduli, states, needed)
+    moduli = (float(modulus),) * rows if isinstance(modulus, int | float) else tuple(map(float, modulus))
+    return Equations(
+        kernels=(kernel,),
+        sizes=(rows,),
+        parameters=(tuple(map(float, parameters)),),
+        chosen=tuple(range(rows)),
+        moduli=moduli,
+        states=states,
+        platforms=needed,
+        coordinates=coordinates if needed else 0,
+    )
 
 
 def joined(parts: Sequence[Equations | None]) -> Equations | None:
@@ -93,6 +109,7 @@ def joined(parts: Sequence[Equations | None]) -> Equations | None:
         tuple(modulus for part in known for modulus in part.moduli),
         max(part.states for part in known),
         max(part.platforms for part in known),
+        max(part.coordinates for part in known),
     )
 
 
@@ -177,7 +194,7 @@ class Step:
 
 def step(kernels: Sequence[Kernel], parameters: Sequence[Sequence[float]], noise: Array) -> Step:
     """Return a motion's step of one kernel, or two; see `Step`."""
-    made = _made(Equations(tuple(kernels), (0,) * len(kernels), tuple(map(tuple, parameters)), (), (), 0, 0))
+    made = _made(Equations(tuple(kernels), (0,) * len(kernels), tuple(map(tuple, parameters)), (), (), 0, 0, 0))
     return Step(made.parts, made.parameters, np.array(noise, dtype=float)[None])
 
 

@@ -22,10 +22,10 @@ def ready(name: str) -> Any:
 
 @cache
 def address(kernel: Any) -> int:
-    """Return the address of a kernel, ``module:function`` of this room or a user's function."""
+    """Return the address of a kernel: ``module:function`` of the room `models`, or a user's function."""
     calling = importlib.import_module("quietfix.systems.kernels.calling")
     if isinstance(kernel, str):
         module, _, name = kernel.partition(":")
-        kernel = getattr(importlib.import_module(f"quietfix.systems.kernels.{module}"), name)
+        kernel = getattr(importlib.import_module(f"quietfix.systems.kernels.models.{module}"), name)
     found: int = calling.address_of(kernel)
     return found

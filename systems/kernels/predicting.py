@@ -12,8 +12,15 @@ __all__ = ["by_kernel", "by_matrix"]
 
 @inlined
 def _spread(t: int, covariance: Any, phi: Any, noise: Any, half: Any, out: Any) -> None:
-    r"""Write :math:`\Phi P \Phi^T + Q`, symmetric, for trial t; the zeros of Phi cost nothing."""
+    r"""Write :math:`\Phi P \Phi^T + Q`, symmetric, for trial t; the zeros of Phi cost nothing.
+
+    All is NaN where one element of P is not finite, as if the zeros had been multiplied.
+    """
     n = phi.shape[0]
+    total = 0.0
+    for i in range(n):
+        for j in range(n):
+            total += covariance[t, i, j] - covariance[t, i, j]  # 0, or NaN
     for i in range(n):
         for j in range(n):
             half[i, j] = 0.0
@@ -33,9 +40,9 @@ def _spread(t: int, covariance: Any, phi: Any, noise: Any, half: Any, out: Any) 
     for i in range(n):
         for j in range(i + 1):
             both = 0.5 * (out[t, i, j] + out[t, j, i])
-            out[t, i, j] = both + noise[i, j]
+            out[t, i, j] = both + noise[i, j] + total
             if j < i:
-                out[t, j, i] = both + noise[j, i]
+                out[t, j, i] = both + noise[j, i] + total
 
 
 @compiled(

@@ -38,10 +38,11 @@ def fit(program: Program, n: int, platforms: Array) -> None:
         For a state or platforms (..., p, 6) that are too few.
     """
     needed = program.equations
-    if n < needed.states or platforms.shape[-2] < needed.platforms or (needed.platforms and platforms.shape[-1] < 6):
+    seen = platforms.shape[-2:]
+    if n < needed.states or (needed.platforms and (seen[0] < needed.platforms or seen[1] < needed.coordinates)):
         raise ValueError(
-            f"measurement model: {n} states and platforms of shape {platforms.shape} are not allowed; "
-            f"{needed.states} states and ({needed.platforms}, 6) at least"
+            f"measurement model: {n} states and {seen} platforms and coordinates are not allowed; at least "
+            f"{needed.states} and ({needed.platforms}, {needed.coordinates})"
         )
 
 

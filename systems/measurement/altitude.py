@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.earth.geodetic import vertical
+from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import MeasurementModel, positive
 
 __all__ = ["Altitude"]
@@ -29,6 +30,10 @@ class Altitude(MeasurementModel):
     def __init__(self, sigma: float, name: str = "altitude") -> None:
         self.sigma = positive(sigma, "sigma_altitude", "m")
         self.names = (name,)
+
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        return of_kernel("states:altitude", [], 1, states=3)
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""

@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.kernels.equations import Equations, equations_of
 from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["ChosenRows", "only"]
@@ -45,6 +46,11 @@ class ChosenRows(MeasurementModel):
         self._rows = np.array([i for i, name in enumerate(model.names) if name in names])
         self.names = tuple(model.names[i] for i in self._rows)
         self.units = tuple(model.units[i] for i in self._rows)
+
+    def equations(self) -> Equations | None:
+        """See `MeasurementModel.equations`."""
+        whole = equations_of(self.model)
+        return None if whole is None else whole.rows(self._rows.tolist())
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""

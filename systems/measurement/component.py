@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import MeasurementModel, positive
 
 __all__ = ["Component"]
@@ -28,6 +29,10 @@ class Component(MeasurementModel):
     def __init__(self, index: int, sigma: float, name: str, unit: str) -> None:
         self.index, self.sigma = index, positive(sigma, f"sigma of {name}", unit)
         self.names, self.units = (name,), (unit,)
+
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        return of_kernel("states:components", [self.index], 1, states=self.index + 1)
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""

@@ -88,6 +88,11 @@ class Differenced(SightedModel):
     def gradients_of(self, wave: Arrival) -> Array:
         """Return its derivative, shape (..., p, 6)."""
 
+    def _wave_parameters(self) -> list[float]:
+        """Return what the kernels of one wave front begin with: Earth rate, mu, radius, 1.5 J2 R^2."""
+        earth = self.constants or GravityConstants()
+        return [self.earth_rate, earth.mu, earth.radius, 1.5 * earth.j2 * earth.radius**2]
+
     def _difference(self, values: Array) -> Array:
         return values[..., self._picked] - values[..., self.reference, None]
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.geometry.lines_of_sight import LineOfSight
+from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import positive
 from quietfix.systems.measurement.sighted import SightedModel
 
@@ -36,6 +37,10 @@ class Range(SightedModel):
             raise ValueError(f"stations: {self.stations} is not allowed; at least one, none of them twice")
         self.names = tuple(f"range_{i}" for i in self.stations)
         self.units = ("m",) * len(self.names)
+
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        return of_kernel("ranges:ranges", self.stations, self.size, states=3, platforms=self.stations)
 
     def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
         """See `SightedModel.predict_from`."""

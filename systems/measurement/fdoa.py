@@ -59,13 +59,19 @@ class Fdoa(Differenced):
         self.carrier = positive(carrier, "carrier", "Hz")
         self._doppler = self.carrier * (-1.0 if paper_sign else 1.0)
 
-    def equations(self) -> Equations | None:
+    def equations(self) -> Equations:
         """See `MeasurementModel.equations`."""
+        scale = self._doppler if self.light_time else -self._doppler / SPEED_OF_LIGHT
+        parameters = [scale, self.reference, *self.receivers]
         if self.light_time:
-            return None
-        seen = [self.reference, *self.receivers]
-        scale = -self._doppler / SPEED_OF_LIGHT
-        return of_kernel("sight:fdoa", [scale, *seen], self.size, states=6, platforms=seen)
+            return of_kernel(
+                "waves:wave_fdoa",
+                [*self._wave_parameters(), *parameters],
+                self.size,
+                states=6,
+                platforms=[self.reference, *self.receivers],
+            )
+        return of_kernel("sight:fdoa", parameters, self.size, states=6, platforms=[self.reference, *self.receivers])
 
     def values_from(self, sight: LineOfSight) -> Array:
         """Return the Doppler shifts [Hz]."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.constants import SPEED_OF_LIGHT
+from quietfix.systems.kernels.equations import Equations
 from quietfix.systems.measurement.base import positive
 from quietfix.systems.measurement.range_rate import RangeRate
 
@@ -36,16 +37,20 @@ class Frequency(RangeRate):
 
     def __init__(self, sigma: float, carrier: float, stations: Sequence[int], bias: int | None = None) -> None:
         self.carrier = positive(carrier, "carrier", "Hz")
-        self._scale = -self.carrier / SPEED_OF_LIGHT
+        self.scale = -self.carrier / SPEED_OF_LIGHT
         super().__init__(positive(sigma, "sigma_frequency", "Hz"), stations, bias)
         self.names = tuple(f"frequency_{i}" for i in self.stations)
         self.units = ("Hz",) * len(self.names)
 
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        return super().equations()
+
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""
-        return self._scale * super().predict(target, platforms)
+        return self.scale * super().predict(target, platforms)
 
     def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
         """See `MeasurementModel.linearize`."""
         value, jacobian = super().linearize(target, platforms)
-        return self._scale * value, self._scale * jacobian
+        return self.scale * value, self.scale * jacobian

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import MeasurementModel, positive
 
 __all__ = ["Position"]
@@ -28,6 +29,10 @@ class Position(MeasurementModel):
     def __init__(self, sigma: float, name: str = "position") -> None:
         self.sigma = positive(sigma, "sigma_position", "m")
         self.names = tuple(f"{name}_{axis}" for axis in "xyz")
+
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        return of_kernel("states:components", [0, 1, 2], 3, states=3)
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import MeasurementModel, positive
 
 __all__ = ["RangeRate", "common_part"]
@@ -35,6 +36,9 @@ class RangeRate(MeasurementModel):
         satellites: the platforms then are the satellites).
     """
 
+    scale: float = 1.0
+    """Of a row, per m/s."""
+
     def __init__(self, sigma: float, stations: Sequence[int], bias: int | None = None, at_rest: bool = False) -> None:
         self.sigma = positive(sigma, "sigma_range_rate", "m/s")
         self.stations = list(stations)
@@ -49,6 +53,13 @@ class RangeRate(MeasurementModel):
         self.bias, self.at_rest = bias, at_rest
         self.names = tuple(f"range_rate_{i}" for i in self.stations)
         self.units = ("m/s",) * len(self.names)
+
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        bias, states = (-1, 0) if self.bias is None else (self.bias, self.bias + 1)
+        parameters = [self.scale, bias, self.at_rest, *self.stations]
+        states = max(states, 3 if self.at_rest else 6)
+        return of_kernel("ranges:range_rates", parameters, self.size, states=states, platforms=self.stations)
 
     def _geometry(self, target: Array, platforms: Array) -> tuple[Array, Array, Array, Array]:
         """Return offset and velocity (3, rows, ...), distance and range rate (rows, ...).

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.geometry.lines_of_sight import LineOfSight
+from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import positive
 from quietfix.systems.measurement.sighted import SightedModel
 
@@ -51,6 +52,11 @@ class ReceivedPower(SightedModel):
             raise ValueError(f"stations: {self.stations} is not allowed; at least one, none of them twice")
         self.names = tuple(f"rss_{i}" for i in self.stations)
         self.units = ("dBm",) * len(self.names)
+
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        parameters = [self.power, self.exponent, *self.stations]
+        return of_kernel("ranges:received_power", parameters, self.size, states=3, platforms=self.stations)
 
     def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
         """See `SightedModel.predict_from`."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from quietfix.systems.constants import EARTH_RATE, SPEED_OF_LIGHT
 from quietfix.systems.geometry.light_time import Arrival
 from quietfix.systems.geometry.lines_of_sight import LineOfSight
+from quietfix.systems.geometry.refractivity import mean_refractivity
 from quietfix.systems.geometry.wave_path import WavePath
 from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import positive
@@ -51,12 +52,18 @@ class Tdoa(Differenced):
         sigma = positive(sigma, "sigma_tdoa", "s")
         super().__init__("tdoa", "s", sigma, receivers, reference, correlated, light_time, earth_rate, constants)
 
-    def equations(self) -> Equations | None:
+    def equations(self) -> Equations:
         """See `MeasurementModel.equations`."""
+        parameters = [self.reference, *self.receivers]
         if self.light_time:
-            return None
-        seen = [self.reference, *self.receivers]
-        return of_kernel("sight:tdoa", seen, self.size, states=3, platforms=seen)
+            return of_kernel(
+                "waves:wave_tdoa",
+                [*self._wave_parameters(), *parameters],
+                self.size,
+                states=6,
+                platforms=[self.reference, *self.receivers],
+            )
+        return of_kernel("sight:tdoa", parameters, self.size, states=3, platforms=[self.reference, *self.receivers])
 
     def values_from(self, sight: LineOfSight) -> Array:
         """Return the travel times [s]."""
@@ -93,6 +100,12 @@ class GroundTdoa(Tdoa):
     ) -> None:
         super().__init__(sigma, receivers, reference)
         self.path = path or WavePath()
+
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+        seen = [self.reference, *self.receivers]
+        parameters = [self.path.mirror, 1 + float(mean_refractivity(0.0, 0.0)), *seen]
+        return of_kernel("sight:ground_tdoa", parameters, self.size, states=3, platforms=seen)
 
     def values_from(self, sight: LineOfSight) -> Array:
         """Return the travel times [s]."""

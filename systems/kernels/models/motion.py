@@ -7,6 +7,7 @@ from typing import Any
 
 from quietfix.systems.kernels.calling import kernel
 from quietfix.systems.kernels.compiling import inlined
+from quietfix.systems.kernels.models.gravity import gradient, pull
 
 __all__ = ["current_statistical", "current_statistical_noise", "orbital"]
 
@@ -58,41 +59,6 @@ def current_statistical_noise(state: Any, platforms: Any, parameters: Any, value
 
 
 @inlined
-def _pull(x: float, y: float, z: float, mu: float, bulge_scale: float) -> Any:
-    """Return the acceleration of gravity; `bulge_scale` is 1.5 J2 R^2, 0 without the flattening."""
-    square = x * x + y * y + z * z
-    pull = -mu / (square * math.sqrt(square))
-    if bulge_scale == 0.0:
-        return pull * x, pull * y, pull * z
-    bulge = bulge_scale / square
-    round_ = pull * (1.0 + bulge * (1.0 - 5.0 * (z * z) / square))
-    return round_ * x, round_ * y, round_ * z + 2.0 * pull * bulge * z
-
-
-@inlined
-def _gradient(x: float, y: float, z: float, mu: float, bulge_scale: float) -> Any:
-    """Return xx, xy, xz, yy, yz, zz of the derivative of `_pull`."""
-    square = x * x + y * y + z * z
-    radius = math.sqrt(square)
-    pull = mu / (square * radius)
-    a, b, c = x / radius, y / radius, z / radius
-    xx, yy, zz = pull * (3.0 * (a * a) - 1.0), pull * (3.0 * (b * b) - 1.0), pull * (3.0 * (c * c) - 1.0)
-    xy, xz, yz = pull * (3.0 * (a * b)), pull * (3.0 * (a * c)), pull * (3.0 * (b * c))
-    if bulge_scale == 0.0:
-        return xx, xy, xz, yy, yz, zz
-    scale = bulge_scale * pull / square
-    even, outer, mixed = 5.0 * (c * c) - 1.0, 5.0 - 35.0 * (c * c), 10.0 * c
-    return (
-        xx + scale * (even + outer * (a * a)),
-        xy + scale * (outer * (a * b)),
-        xz + scale * (outer * (a * c) + mixed * a),
-        yy + scale * (even + outer * (b * b)),
-        yz + scale * (outer * (b * c) + mixed * b),
-        zz + scale * (even + outer * (c * c) + mixed * (c + c) - 2.0),
-    )
-
-
-@inlined
 def _times(g: Any, x: float, y: float, z: float) -> Any:
     return g[0] * x + g[1] * y + g[2] * z, g[1] * x + g[3] * y + g[4] * z, g[2] * x + g[4] * y + g[5] * z
 
@@ -127,18 +93,18 @@ def orbital(state: Any, platforms: Any, parameters: Any, value: Any, jacobian: A
         for i in range(6):
             jacobian[i, i] = 1.0
     for _ in range(int(parameters[1])):
-        a0, a1, a2 = _pull(x, y, z, mu, flat)
+        a0, a1, a2 = pull(x, y, z, mu, flat)
         q0, q1, q2 = x + half * u, y + half * v, z + half * w
-        b0, b1, b2 = _pull(q0, q1, q2, mu, flat)
+        b0, b1, b2 = pull(q0, q1, q2, mu, flat)
         s0, s1, s2 = u + half * a0, v + half * a1, w + half * a2
         m0, m1, m2 = x + half * s0, y + half * s1, z + half * s2
-        c0, c1, c2 = _pull(m0, m1, m2, mu, flat)
+        c0, c1, c2 = pull(m0, m1, m2, mu, flat)
         r0, r1, r2 = u + half * b0, v + half * b1, w + half * b2
         e0, e1, e2 = x + h * r0, y + h * r1, z + h * r2
-        d0, d1, d2 = _pull(e0, e1, e2, mu, flat)
+        d0, d1, d2 = pull(e0, e1, e2, mu, flat)
         if jacobian.shape[0] > 0:
-            g1, g2 = _gradient(x, y, z, mu, flat), _gradient(q0, q1, q2, mu, flat)
-            g3, g4 = _gradient(m0, m1, m2, mu, flat), _gradient(e0, e1, e2, mu, flat)
+            g1, g2 = gradient(x, y, z, mu, flat), gradient(q0, q1, q2, mu, flat)
+            g3, g4 = gradient(m0, m1, m2, mu, flat), gradient(e0, e1, e2, mu, flat)
             for column in range(6):
                 _turn_column(column, jacobian, h, g1, g2, g3, g4)
         x += sixth * (u + 2.0 * s0 + 2.0 * r0 + (u + h * c0))
