@@ -31,6 +31,7 @@ from quietfix.diagrams.own.declaring.sensing import (
     used_rows,
 )
 from quietfix.diagrams.own.declaring.target import Target, target_motion, true_motion, with_bias
+from quietfix.diagrams.own.fed.arrivals import against_references
 from quietfix.diagrams.own.fed.handed import Handed, handed
 from quietfix.diagrams.own.fed.measured import measured, recorded_of, setting_of, table_of_scenario, true_paths
 from quietfix.diagrams.own.fed.played import Played
@@ -46,6 +47,7 @@ from quietfix.diagrams.paths.places import Places
 from quietfix.diagrams.paths.receivers import doubtful_heights
 from quietfix.diagrams.paths.records import Setting, old_elements
 from quietfix.diagrams.paths.tables import doubtful_table
+from quietfix.diagrams.readers.measurements import MeasurementTable
 from quietfix.diagrams.schema.errors import UserError, shown
 from quietfix.diagrams.schema.scenario import read_yaml
 from quietfix.systems.clocks import Clock, Merged
@@ -103,7 +105,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
     """
     if not scenario.platforms:
         raise UserError("platforms: none is given; at least one is needed")
-    table = None if live else table_of_scenario(scenario, folder)
+    scenario, table = (scenario, None) if live else _with_table(scenario, folder)
     constants, frame = gravity_constants(scenario.constants), scenario.axes
     setting = setting_of(scenario, folder, table)
     paths = paths_of({f"platforms.{name}": one for name, one in scenario.platforms.items()}, frame, setting, constants)
@@ -126,7 +128,8 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
     elif table is not None:
         fed = measured(scenario, setting, table, kinds, places_of(scenario), truth, carriers)
     clock = _clock(sensors) if fed is None else fed.clock
-    around = Surroundings(scenario, kinds, clock, motion.size, path, carriers, setting)
+    scaled = fed is not None and fed.scaled
+    around = Surroundings(scenario, kinds, clock, motion.size, path, carriers, setting, scaled)
     doubt = ask_own(around, flight, simulated=fed is None)
     parts = _simulated(around, sensors, flight, bool(resolvers.each)) if fed is None else [fed]
     start, needed = begin(around)
@@ -135,8 +138,8 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
         raw = options.resolves_phases or not resolvers.each
         seen = list(resolvers.rows) if raw else resolvers.on(bus)
         takes = {"measurement": "raw"} if raw and resolvers.each else {}
-        if fed is not None and fed.scaled:
-            takes["noise_covariance"] = "noise_covariance"
+        if scaled:
+            takes |= {"noise_covariance": "noise_covariance", "start_noise_covariance": "noise_covariance"}
         return Assumed(used_rows(sensors, options, name), motion, start(name, options, seen), seen, takes)
 
     own = _own_parts(scenario)
@@ -158,6 +161,12 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
         view=view_of(scenario.map, frame, setting, constants),
         note=" ".join(note for note in (*notes, *(fed.notes if fed else ())) if note),
     )
+
+
+def _with_table(scenario: OwnScenario, folder: FilePath) -> tuple[OwnScenario, MeasurementTable | None]:
+    """Return the table of measurements of a scenario, if it has one, and the scenario that reads it."""
+    table = table_of_scenario(scenario, folder)
+    return (scenario, None) if table is None else against_references(scenario, table)
 
 
 def _recorded(fed: Played | Handed | None, known: bool, setting: Setting) -> Recorded | None:

@@ -58,6 +58,8 @@ class Surroundings:
         States (6,) and (6 p,) at a time [s], as they are; None: nobody knows where the target is.
     setting : Setting
         Length of a run, its date, and where files are.
+    scaled : bool
+        Whether R comes with the measurement.
     """
 
     scenario: OwnScenario
@@ -67,6 +69,7 @@ class Surroundings:
     target: Path | None
     carriers: Callable[[float], Array]
     setting: Setting
+    scaled: bool = False
 
     def first(self, where: str, names: Sequence[str]) -> list[Measured]:
         """Return kinds of these names, all if none is named; all of them must see the target at the first instant."""
@@ -148,7 +151,7 @@ def _snapshot(field: Snapshot, around: Surroundings) -> Begin:
             if one.resolved and options.resolves_phases:
                 raise UserError(f"estimators.{name}: it takes wrapped phases; start.sensors: {one.name} is not allowed")
         model = Stack([one.cleared for one in chosen])
-        return SnapshotStart(model, rows, field.sigma_velocity_mps, field.height_m, places=places)
+        return SnapshotStart(model, rows, field.sigma_velocity_mps, field.height_m, around.scaled, places)
 
     size = sum(one.believed.size for one in chosen)
     if size < 3:

@@ -16,6 +16,8 @@ class Measurements:
 
     Columns time (ISO 8601 with its zone; t = 0 is start_utc, or the first row without it) or time_s, kind, receiver,
     reference, value, unit; and as needed target, sigma. A row is of the sensor whose row is KIND_RECEIVER_REFERENCE.
+    Rows of kind toa without a reference are arrival times by the receivers' common clock, of one message those of one
+    target and one time; sigma is that of an arrival.
     """
 
     file: str = text("path, relative to the scenario's file")
