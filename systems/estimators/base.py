@@ -175,6 +175,7 @@ class Estimator(EnsembleBlock):
             begin += trials * size
         self._groups = [(group, self._places[group], (trials, size)) for group, size in sizes.items()]
         self._remembered = list(sizes)
+        self._reported = (self._places["value"], self._places["nis"], self._places["nis_dof"])
         initial = np.full(begin + 3, np.nan)
         self._started = self._places["started"]
         initial[self._started] = 0.0
@@ -243,12 +244,7 @@ class Estimator(EnsembleBlock):
         started = self._everyone if began.tobytes() == self._all_begun else began > 0
         now, stamp = epoch.time, state.item(-2)
         if same_instant(now, stamp):
-            innovation = Innovation(
-                state[self._places["value"]].reshape(started.size, -1),
-                state[self._places["nis"]],
-                state[self._places["nis_dof"]],
-            )
-            return Remembered(memory, innovation, started, bool(state[-1]), now)
+            return Remembered(memory, self._reported, started, bool(state[-1]), now, state)
         if now > stamp:
             memory = self.predict(memory, now - stamp, epoch)
         return Remembered(memory, TO_COME, started, False, now)
@@ -273,6 +269,8 @@ class Estimator(EnsembleBlock):
     def _calc_posterior(self, context: Context) -> Remembered:
         """Return memory, innovation and which trials have started, after the measurement of now."""
         tally("posterior", self)
+        if self._steps_at_once and not self._prior_is_read and (whole := self._stepped(context)) is not None:
+            return whole
         epoch = Now(context.get_time(), self.wiring.clock, self.draw, context)
         prior: Remembered
         prior = self.cached(context, self._prior) if self._prior_is_read else self._predicted(context, epoch)
@@ -304,6 +302,33 @@ class Estimator(EnsembleBlock):
                 for group, value in updated.items()
             }
         return Remembered(updated, innovation, started, True, now)
+
+    def _stepped(self, context: Context) -> Remembered | None:
+        """Return what `_calc_posterior` does, made in one go where all is as it usually is; else None."""
+        state = context.get_discrete_state(self._state).CopyToVector()
+        now, stamp = context.get_time(), state.item(-2)
+        if now <= stamp or same_instant(now, stamp) or state[self._started].tobytes() != self._all_begun:
+            return None
+        measurement = self.read(context, "measurement")[:, self._rows]
+        if not all_finite(measurement) or not self._step_at_once(
+            state, now - stamp, measurement, self._read_platforms(context)
+        ):
+            return None
+        tally("prior", self)
+        memory = {group: state[place].reshape(shape) for group, place, shape in self._groups}
+        return Remembered(memory, self._reported, self._everyone, True, now, state)
+
+    @property
+    def _steps_at_once(self) -> bool:
+        """Whether `_step_at_once` is worth a try."""
+        return False
+
+    def _step_at_once(self, state: Array, dt: float, measurement: Array, platforms: Array) -> bool:
+        """Make of the block's state, in place, that of `dt` seconds later with a measurement that is complete.
+
+        Return False, whatever has become of the state, where the way by `predict` and `update` is to be gone.
+        """
+        return False
 
     def _begin_late(self, context: Context, memory: Memory, started: Mask, stream: Array) -> tuple[Memory, Mask]:
         """Start the trials that could not start before, leave the others alone; return which have started now."""
@@ -352,6 +377,12 @@ class Estimator(EnsembleBlock):
 
     def _store(self, context: Context, discrete: DiscreteValues) -> None:
         updated = self._updated(context)
+        if updated.state is not None:
+            state = discrete.get_mutable_value(self._state)
+            state[:] = updated.state
+            state[-2] = updated.time
+            state[-1] = 1.0
+            return
         self._write(discrete, updated.memory, updated.innovation, updated.started, updated.time, used=True)
 
     def _store_at_tick(self, context: Context, discrete: DiscreteValues) -> None:

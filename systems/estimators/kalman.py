@@ -11,8 +11,12 @@ from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.robust import StudentRows
+from quietfix.systems.kernels.equations import program
+from quietfix.systems.kernels.updating import fit
+from quietfix.systems.kernels.whole.stepping import linear
 from quietfix.systems.linear_algebra import all_finite
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
@@ -21,6 +25,8 @@ from quietfix.systems.starts.start import Start
 __all__ = ["KalmanEstimator"]
 
 Array = NDArray[np.float64]
+
+_STEP = ("predict", "update", "moments", "memory_sizes")
 
 
 class KalmanEstimator(Estimator):
@@ -49,6 +55,7 @@ class KalmanEstimator(Estimator):
             tailed = [i for i, row in enumerate(model.names) if row in wiring.tails.rows]
             algorithm = StudentRows(algorithm, wiring.tails.freedom, tailed)
         self.algorithm = algorithm
+        self._whole: bool | None = None
         super().__init__(name, model, motion, start, wiring)
 
     def memory_sizes(self) -> Mapping[str, int]:
@@ -93,3 +100,30 @@ class KalmanEstimator(Estimator):
         if lost is not None:
             posterior = {group: np.where(lost[:, None], np.nan, value) for group, value in posterior.items()}
         return posterior, Innovation(result.innovation, result.nis, result.nis_dof)
+
+    @property
+    def _steps_at_once(self) -> bool:
+        """Whether prediction and update are both those that one compiled call makes."""
+        if self._whole is None:
+            kind, algorithm, motion = type(self), self.algorithm, self.motion
+            plain = all(getattr(kind, name) is getattr(KalmanEstimator, name) for name in _STEP)
+            filters = type(algorithm).update is IteratedExtendedKalman.update
+            filters = filters and type(algorithm).predict is GaussianFilter.predict
+            moves = motion.linear and not motion.input_size and type(motion).equations is MotionModel.equations
+            self._whole = plain and filters and moves and program(self.model) is not None
+        return self._whole
+
+    def _step_at_once(self, state: Array, dt: float, measurement: Array, platforms: Array) -> bool:
+        """See `Estimator._step_at_once`."""
+        compiled, algorithm = program(self.model), self.algorithm
+        trials, n = measurement.shape[0], self.motion.size
+        size = trials * n
+        if compiled is None or not isinstance(algorithm, IteratedExtendedKalman):
+            return False
+        if not all_finite(state[: size + size * n]):
+            return False
+        fit(compiled, n, platforms)
+        mean = state[:size].reshape(trials, n)
+        matrices = self.motion.transition(mean, dt), self.motion.process_noise(mean, dt)
+        rule = algorithm.max_iterations, algorithm.tolerance
+        return linear(state, matrices, measurement, platforms, self._whitener.covariance, compiled, rule)

@@ -97,18 +97,38 @@ TO_COME = Innovation(np.empty(0), np.empty(0), np.empty(0))  # of a prior
 class Remembered:
     """What a cache holds: memory, innovation, which trials have started; the moments when they are first asked for.
 
-    ``current`` says that the measurement of now, ``time`` [s], is in it.
+    ``current`` says that the measurement of now, ``time`` [s], is in it. ``state`` is all of that as the block's
+    discrete state, where it was made as a whole; the innovation is then taken from it when it is asked for.
     """
 
-    __slots__ = ("_moments", "current", "innovation", "memory", "started", "time")
+    __slots__ = ("_innovation", "_moments", "current", "memory", "started", "state", "time")
 
-    def __init__(self, memory: Memory, innovation: Innovation, started: Mask, current: bool, time: float) -> None:
+    def __init__(
+        self,
+        memory: Memory,
+        innovation: Innovation | tuple[slice, slice, slice],
+        started: Mask,
+        current: bool,
+        time: float,
+        state: Array | None = None,
+    ) -> None:
         self.memory = memory
-        self.innovation = innovation
+        self._innovation = innovation
         self.started = started
         self.current = current
         self.time = time
+        self.state = state
         self._moments: tuple[Array, Array] | None = None
+
+    @property
+    def innovation(self) -> Innovation:
+        """What the update reported."""
+        if isinstance(self._innovation, Innovation):
+            return self._innovation
+        assert self.state is not None
+        value, nis, rows = (self.state[place] for place in self._innovation)
+        self._innovation = Innovation(value.reshape(nis.size, -1), nis, rows)
+        return self._innovation
 
     def moments(self, summarise: Callable[[Memory], tuple[Array, Array]]) -> tuple[Array, Array]:
         """Return mean and covariance."""

@@ -178,7 +178,7 @@ def make(
     return options.make(name.split()[0], model, motion or ConstantVelocity(0.1), start, wiring)
 
 
-def run(block, measurement, platforms, clock, end=None, log=None, inputs=None, first_trial=0):
+def run(block, measurement, platforms, clock, end=None, log=None, inputs=None, first_trial=0, ports=PORTS):
     """Run one estimator block on given measurements; return times and what its ports carried.
 
     Parameters
@@ -193,13 +193,15 @@ def run(block, measurement, platforms, clock, end=None, log=None, inputs=None, f
         What further input ports carry.
     first_trial : int
         Number of the first trial, for what draws random numbers.
+    ports : sequence of str
+        Which are recorded.
     """
     builder = DiagramBuilder()
     builder.AddSystem(block)
     for port, values in {"measurement": measurement, "platforms": platforms, **(inputs or {})}.items():
         feed = builder.AddSystem(Feed(values, clock, port))
         builder.Connect(feed.GetOutputPort("value"), block.GetInputPort(port))
-    recorder = record(builder, {port: block.GetOutputPort(port) for port in PORTS}, log or clock)
+    recorder = record(builder, {port: block.GetOutputPort(port) for port in ports}, log or clock)
     diagram = builder.Build()
     simulator = Simulator(diagram)
     set_draw(diagram, simulator.get_mutable_context(), Draw(seed=11, first_trial=first_trial))
@@ -207,7 +209,7 @@ def run(block, measurement, platforms, clock, end=None, log=None, inputs=None, f
     simulator.AdvanceTo(len(measurement) - 1.0 if end is None else end)
     times, values = recorder.result(simulator.get_context())
     n = values["estimate"].shape[-1]
-    for port in ("covariance", "prediction_covariance"):
+    for port in {"covariance", "prediction_covariance"} & set(ports):
         values[port] = values[port].reshape(*values[port].shape[:2], n, n)
     values["nis"], values["nis_dof"] = values["nis"][..., 0], values["nis_dof"][..., 0]
     return times, values

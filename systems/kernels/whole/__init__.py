@@ -1,0 +1,1 @@
+"""Whole steps of an estimator in one compiled call."""
