@@ -110,6 +110,7 @@ class KalmanEstimator(Estimator):
             filters = type(algorithm).update is IteratedExtendedKalman.update
             filters = filters and type(algorithm).predict is GaussianFilter.predict
             moves = motion.linear and not motion.input_size and type(motion).equations is MotionModel.equations
+            plain = plain and not self.wiring.noise_port
             self._whole = plain and filters and moves and program(self.model) is not None
         return self._whole
 

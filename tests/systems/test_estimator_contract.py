@@ -328,3 +328,9 @@ def test_a_step_in_one_call_is_prediction_and_update(name, monkeypatch):
     assert steps == [True] * 17  # 20 epochs without the first, which the start has used, and two with gaps
     for port in ports:
         np.testing.assert_array_equal(whole[port], apart[port], err_msg=port)
+    steps.clear()
+    noise = np.tile(4 * scene.model.noise_covariance().ravel(), (scene.epochs, TRIALS, 1))
+    block = scene.estimator(name, ESTIMATORS[name], noise_port=True)
+    wider = run(block, measurement, scene.platforms, scene.clock, inputs={"noise_covariance": noise}, ports=ports)[1]
+    # where R comes with the measurement it is that R which counts
+    assert not steps and np.nanmean(wider["nis"]) < 0.5 * np.nanmean(whole["nis"])
