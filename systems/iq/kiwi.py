@@ -162,6 +162,7 @@ def _chunks(file: Path, data: bytes) -> tuple[Array, list[NDArray[np.int16]], fl
     ages: list[int] = []
     parts: list[NDArray[np.int16]] = []
     place, rate, cut = 12, 0.0, False
+    stamp = 0.0  # of a block without one: no clock's
     while place + 8 <= len(data):
         kind, size = data[place : place + 4], int.from_bytes(data[place + 4 : place + 8], "little")
         body = data[place + 8 : place + 8 + size]
@@ -174,21 +175,21 @@ def _chunks(file: Path, data: bytes) -> tuple[Array, list[NDArray[np.int16]], fl
             rate = float(struct.unpack_from("<I", body, 4)[0])
         elif kind == b"kiwi" and size == _STAMP.size:
             age, _, seconds, nanoseconds = _STAMP.unpack(body)
-            stamps.append(seconds + 1e-9 * nanoseconds)
+            stamp = seconds + 1e-9 * nanoseconds
             ages.append(age)
         elif kind == b"data":
             parts.append(np.frombuffer(body[: size // 4 * 4], "<i2"))
+            stamps.append(stamp)
+            stamp = 0.0
         place += 8 + size + size % 2
-    if cut and len(stamps) == len(parts) + 1:
-        stamps.pop()
-    if not rate or not stamps or len(stamps) != len(parts):
+    if not rate or not ages or not parts:
         raise ValueError(
-            f"{file}: {len(stamps)} stamps (chunks `kiwi`) and {len(parts)} blocks (chunks `data`) are not allowed; "
+            f"{file}: {len(ages)} stamps (chunks `kiwi`) and {len(parts)} blocks (chunks `data`) are not allowed; "
             "as many of one as of the other, behind a chunk `fmt ` with a sample rate"
         )
     if min(ages) >= _NO_GPS:
         raise ValueError(f"{file}: its receiver had no GPS: no stamp says when its samples were taken")
-    return np.array(stamps), parts, rate, cut
+    return np.array(stamps), parts, rate, cut or place < len(data)
 
 
 def common_base(

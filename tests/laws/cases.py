@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quietfix.systems.along_track.ahead import Ahead
-from quietfix.systems.along_track.pass_constant import PassConstant
+from quietfix.systems.along_track.anew import Anew
 from quietfix.systems.angles.bearing import Bearing
 from quietfix.systems.angles.direct_azimuth import DirectAzimuth
 from quietfix.systems.angles.direction import Direction, DirectionCosines
@@ -355,7 +355,7 @@ MOTIONS = {
         np.concatenate([_between_satellites().targets, np.ones((len(_between_satellites().targets), 1))], axis=-1),
     ),
     "pass oscillator": (PassOscillator([1e3, 1.0, 1e-2], 100.0, 1e-6), np.array([[3e3, 2e3, 1e3, 300.0, 1.2, 0.01]])),
-    "constant in a pass": (PassConstant("ahead_sat", "s", 0.3, 100.0, 1e-6), np.array([[0.2]])),
+    "anew in every pass": (Anew(DriftingBias(1e-2, 1e-6), [300.0, 0.5], 100.0), np.array([[120.0, -0.2]])),
     "pass oscillator, bias alone": (PassOscillator([1e3], 100.0), np.array([[3e3, 2e3, 1e3, 300.0]])),
     "orbit, two-body": (OrbitalMotion(j2=False), _between_satellites().targets),
     "orbit, j2": (OrbitalMotion(density=1e-6), _between_satellites().targets),

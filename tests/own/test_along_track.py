@@ -154,3 +154,33 @@ def test_where_fox_1d_was_heard(recorded, tmp_path):
     error, spread = turn @ (position - geodetic_to_ecef(latitude, longitude, 610.0)), turn @ covariance @ turn.T
     assert error @ np.linalg.solve(spread, error) < chi2.ppf(0.99, 2)
     assert np.sqrt(np.trace(spread)) < 20e3
+
+
+@pytest.mark.slow
+def test_two_passes_of_an_oscillator_that_was_switched_off(tmp_path):
+    """Two revolutions, with other errors of oscillator and orbit in each: the pause alone tells them apart."""
+    rows = {}
+    for offset, late, first, end in ((900, 0.4, 0, 3000), (-700, -0.3, 3000, 7000)):
+        drawn = {"oscillator.offset_hz": offset, "oscillator.sigma_offset_hz": 0, "oscillator.sigma_drift_hzps": 0}
+        drawn |= {"along_track.satellite.true_s": late, "duration_s": 7000}
+        drawn |= {"sensors.doppler.every_s": 20, "sensors.ground.every_s": 7000}
+        result, one = study(LATE.name, 1, drawn, estimators=["iekf"], keep="all"), tmp_path / "one.csv"
+        write_measurements(result, find(str(LATE)).system.load(settings=["duration_s=7000"]), one)
+        with one.open() as stream:
+            mine = [row for row in csv.DictReader(stream) if row["value"] and first <= float(row["time_s"]) < end]
+        rows |= {(row["time_s"], row["kind"]): row for row in mine}
+    table = tmp_path / "both.csv"
+    with table.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, list(next(iter(rows.values()))))
+        writer.writeheader()
+        writer.writerows(rows.values())
+    place = "!Geodetic {latitude_deg: 46.02, longitude_deg: 13.98, height_m: 300}"
+    start = f"!Given {{at: {place}, sigma_position_m: 4000, sigma_velocity_mps: 1.0e-4, sigma_offset_hz: 2000}}"
+    common = {"start": start, "estimators": "{iekf: !Iekf {}}", "duration_s": "7000"}
+    result, told = fed(LATE, table, **common, **{"oscillator.pause_s": "600"})
+    position, covariance, ahead, sigma = last(result)
+    error = position - geodetic_to_ecef(np.radians(46.0), np.radians(14.0), 300.0)
+    assert "cannot cover" not in told
+    assert error @ np.linalg.solve(covariance, error) < chi2.ppf(0.999, 3) and abs(ahead + 0.3) < 4 * sigma
+    _, told = fed(LATE, table, **common)
+    assert "cannot cover" in told

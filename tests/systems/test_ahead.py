@@ -6,11 +6,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 
 from quietfix.systems.along_track.ahead import Ahead
-from quietfix.systems.along_track.pass_constant import PassConstant
+from quietfix.systems.along_track.anew import Anew
 from quietfix.systems.measurement.distance import Range
 from quietfix.systems.measurement.frequency import Frequency
 from quietfix.systems.measurement.stack import Stack
 from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.motion.drifting_bias import DriftingBias
 from quietfix.systems.trajectories.gravity import GravityConstants, acceleration
 
 EARTH = GravityConstants()
@@ -72,14 +73,14 @@ def test_rows_of_several_platforms_are_refused():
 
 
 def test_anew_after_a_pause():
-    motion = PassConstant("ahead_sat", "s", 0.3, 100.0, 1e-6)
-    state = np.array([[0.2], [-0.1]])
-    assert_array_equal(motion.propagate(state, 100.0), state)
+    within = DriftingBias(1e-2, 1e-6)
+    motion = Anew(within, [300.0, 0.5], 100.0)
+    state = np.array([[20.0, 0.2], [-10.0, 0.1]])
+    assert_array_equal(motion.propagate(state, 100.0), within.propagate(state, 100.0))
+    assert_array_equal(motion.process_noise(state, 100.0), within.process_noise(state, 100.0))
     assert_array_equal(motion.propagate(state, 100.1), 0 * state)
-    assert motion.process_noise(state, 50.0)[0, 0] == pytest.approx(5e-5)
-    assert (
-        motion.process_noise(state, 101.0)[0, 0] == pytest.approx(0.09) and motion.transition(state, 101.0)[0, 0] == 0
-    )
-    for wrong in ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, -1.0)):
-        with pytest.raises(ValueError, match="is not allowed"):
-            PassConstant("ahead_sat", "s", *wrong)
+    assert_array_equal(motion.process_noise(state, 100.1), np.diag([9e4, 0.25]))
+    assert not motion.transition(state, 100.1).any() and motion.names == within.names
+    for sigmas, pause in (([1.0], 1.0), ([1.0, 0.0], 1.0), ([1.0, 1.0], 0.0)):
+        with pytest.raises(ValueError, match=r"(is|are) not allowed"):
+            Anew(within, sigmas, pause)

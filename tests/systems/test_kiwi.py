@@ -134,6 +134,35 @@ def test_broken_files_are_named(tmp_path, options, said):
         read_kiwi(tmp_path / "bad.wav")
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_damaged_files(tmp_path, seed):
+    """Cut, with other bytes, with other sizes of chunks: refused in one line, or every part is where it was."""
+    rng = np.random.default_rng(seed)
+    kiwi_file(tmp_path / "whole.wav", stale=0)
+    whole = (tmp_path / "whole.wav").read_bytes()
+    read = 0
+    for k in range(50):
+        data = bytearray(whole)
+        if k % 3 == 0:
+            data = data[: rng.integers(len(data))]
+        elif k % 3 == 1:
+            for place in rng.integers(len(data), size=20):
+                data[place] = rng.integers(256)
+        else:
+            place = 36 + 2074 * int(rng.integers(40)) + 18 * int(rng.integers(2)) + int(rng.integers(8))
+            data[place] ^= 1 << int(rng.integers(8))
+        (tmp_path / "bad.wav").write_bytes(data)
+        try:
+            parts = read_kiwi(tmp_path / "bad.wav").parts
+        except ValueError as error:
+            assert str(error).startswith(str(tmp_path / "bad.wav")) and "\n" not in str(error)
+            continue
+        read += 1
+        blocks = [(part.start - START) * RATE / 512 for part in parts]
+        assert_allclose(blocks, np.round(blocks), atol=1e-3)
+    assert read > 25
+
+
 def test_other_files(tmp_path):
     (tmp_path / "text.wav").write_text("latitude")
     with pytest.raises(ValueError, match="does not begin with RIFF"):

@@ -17,10 +17,11 @@ from quietfix.diagrams.paths.movers import Kepler, Oem, Offset, PositionVelocity
 from quietfix.diagrams.paths.places import Places
 from quietfix.diagrams.schema.errors import UserError, choose
 from quietfix.systems.along_track.ahead import Ahead
-from quietfix.systems.along_track.pass_constant import PassConstant
+from quietfix.systems.along_track.anew import Anew
 from quietfix.systems.clocks import Clock
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.motion.random_walk import RandomWalk
 from quietfix.systems.plants.model_plant import ModelPlant
 
 __all__ = ["add_plants", "ahead_motions", "ahead_sigmas", "check_along_track", "seen_ahead"]
@@ -48,7 +49,7 @@ def ahead_sigmas(scenario: OwnScenario) -> list[float]:
 def ahead_motions(scenario: OwnScenario) -> list[MotionModel]:
     """Return how each such state moves."""
     return [
-        PassConstant(f"ahead_{name}", "s", one.sigma_s, one.pause_s, one.walk_s2ps)
+        Anew(RandomWalk([one.walk_s2ps], [f"ahead_{name}"], ["s"]), [one.sigma_s], one.pause_s)
         for name, one in scenario.along_track.items()
     ]
 

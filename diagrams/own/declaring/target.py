@@ -11,7 +11,7 @@ from pydrake.systems.framework import OutputPort
 from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.own.classes import motions, plants
 from quietfix.diagrams.own.declaring.along_track import add_plants, ahead_motions, ahead_sigmas
-from quietfix.diagrams.own.fields.schema import ConstantVelocity, Orbital, Oscillator, OwnScenario
+from quietfix.diagrams.own.fields.schema import ConstantVelocity, Given, Orbital, Oscillator, OwnScenario, Prior
 from quietfix.diagrams.parts.formation import gravity_constants
 from quietfix.diagrams.parts.movers import ModelTarget
 from quietfix.diagrams.paths.functions import Path
@@ -27,6 +27,7 @@ from quietfix.diagrams.paths.movers import (
 )
 from quietfix.diagrams.quantities.frame import INERTIAL
 from quietfix.diagrams.schema.errors import UserError
+from quietfix.systems.along_track.anew import Anew
 from quietfix.systems.clocks import Clock
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.motion import constant_velocity
@@ -61,9 +62,17 @@ def target_motion(scenario: OwnScenario) -> MotionModel:
 
 def with_bias(scenario: OwnScenario, motion: MotionModel, walk: float | None) -> MotionModel:
     """Return a target's motion with the oscillator's and the satellites' errors beside it, where there are any."""
-    beside = [] if scenario.oscillator is None else [_wander(scenario.oscillator, walk)]
+    beside = [] if scenario.oscillator is None else [_anew(scenario, _wander(scenario.oscillator, walk))]
     beside += ahead_motions(scenario)
     return SideBySide([motion, *beside]) if beside else motion
+
+
+def _anew(scenario: OwnScenario, wander: MotionModel) -> MotionModel:
+    """Return how the oscillator's error is believed to move: unknown again after a pause, if it is said."""
+    oscillator, start = scenario.oscillator, scenario.start
+    if oscillator is None or oscillator.pause_s is None or not isinstance(start, Prior | Given):
+        return wander
+    return Anew(wander, _of_oscillator(oscillator, (start.sigma_offset_hz, start.sigma_drift_hzps)), oscillator.pause_s)
 
 
 def _wander(oscillator: Oscillator, walk: float | None = None) -> MotionModel:

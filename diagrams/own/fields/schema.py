@@ -64,6 +64,11 @@ class Oscillator:
     )
     sigma_drift_hzps: float = number("standard deviation of that rate from trial to trial [Hz/s]", 0.0, at_least=0)
     drift_walk_hz2ps3: float = number("variance that the rate gains per second [Hz^2/s^3]", 0.0, at_least=0)
+    pause_s: float | None = number(
+        "after so long without a measurement it is believed to be unknown again, as at the start [s]; null: never",
+        None,
+        above=0,
+    )
 
 
 @dataclass
