@@ -7,6 +7,7 @@ import time
 from types import TracebackType
 from typing import Any
 
+from quietfix.diagrams.console.compiling import show_compiling
 from quietfix.diagrams.console.terminal import live
 
 __all__ = ["Progress"]
@@ -60,6 +61,8 @@ class Progress:
 
     def __enter__(self) -> Progress:
         """Begin."""
+        if self._shown:
+            show_compiling()
         return self
 
     def __exit__(

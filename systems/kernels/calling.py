@@ -28,7 +28,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     """Decorate the equations of a model for one state: ``f(state, platforms, parameters, value, jacobian)``.
 
     It is compiled by numba when it is first needed, and writes its rows into `value` (m,) and their derivatives into
-    `jacobian` (m, n), which comes filled with zeros, or without a row where only the value is asked for. `state` is
+    `jacobian` (m, n), which come filled with zeros; without a row where only the value is asked for. `state` is
     (n,), `platforms` (p, 6), `parameters` what the model says.
 
     Raises

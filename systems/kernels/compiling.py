@@ -14,7 +14,7 @@ from typing import Any, cast
 import numba
 from numba.core import caching, config
 
-from quietfix.systems.kernels.progress import say_compiling, say_uncached
+from quietfix.systems.kernels.progress import say_compiled, say_compiling, say_uncached
 
 __all__ = ["compiled", "inlined", "load"]
 
@@ -49,7 +49,11 @@ def load(dispatcher: Any) -> Any:
     """Compile a `compiled` function, or take its machine code from the cache; return it, ready to be called."""
     if not dispatcher.overloads:
         dispatcher._cache = _cache_of(dispatcher.py_func)
-        dispatcher.compile(dispatcher.declared)
+        try:
+            dispatcher.compile(dispatcher.declared)
+        finally:
+            if dispatcher._cache.told:
+                say_compiled()
         dispatcher.disable_compile()
     return dispatcher
 
@@ -112,6 +116,7 @@ class _Cache(caching.FunctionCache):
     """A cache that can fail: a damaged file is compiled anew, a full disk leaves the code in memory."""
 
     _impl_class = _Implementation
+    told = False
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         try:
@@ -119,6 +124,7 @@ class _Cache(caching.FunctionCache):
         except (OSError, EOFError, pickle.UnpicklingError, ValueError, AttributeError, ImportError, RuntimeError):
             found = None
         if found is None:
+            self.told = True
             say_compiling(self._py_func.__name__)
         return found
 
@@ -130,6 +136,8 @@ class _Cache(caching.FunctionCache):
 
 
 class _Memory(caching.NullCache):
+    told = True
+
     def __init__(self, function: Callable[..., Any]) -> None:
         self._name = function.__name__
 

@@ -80,7 +80,7 @@ def of_kernel(
         raise ValueError(f"platforms: {min(platforms)} is not allowed; numbers >= 0")
     moduli = (float(modulus),) * rows if isinstance(modulus, int | float) else tuple(map(float, modulus))
     return Equations(
-        kernels=(kernel,),
+        kernels=(getattr(kernel, "__func__", kernel),),  # one that is an attribute of a class comes bound
         sizes=(rows,),
         parameters=(tuple(map(float, parameters)),),
         chosen=tuple(range(rows)),

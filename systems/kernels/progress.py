@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 
-__all__ = ["on_compiling", "say_compiling", "say_uncached"]
+__all__ = ["on_compiling", "say_compiled", "say_compiling", "say_uncached"]
 
 _log = logging.getLogger("quietfix")
 _listeners: list[Callable[[str], None]] = []
@@ -13,7 +13,10 @@ _said: set[str] = set()
 
 
 def on_compiling(listener: Callable[[str], None]) -> None:
-    """Have `listener` called with the name of every function that is about to be compiled, not taken from the cache."""
+    """Have `listener` called with the name of every function that is about to be compiled, and with "" when it is done.
+
+    What is taken from the cache is not told.
+    """
     if listener not in _listeners:
         _listeners.append(listener)
 
@@ -21,6 +24,15 @@ def on_compiling(listener: Callable[[str], None]) -> None:
 def say_compiling(name: str) -> None:
     """Say that the function `name` is compiled now."""
     _log.info("compiling %s", name)
+    _told(name)
+
+
+def say_compiled() -> None:
+    """Say that it is done."""
+    _told("")
+
+
+def _told(name: str) -> None:
     for listener in _listeners:
         listener(name)
 

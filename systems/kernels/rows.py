@@ -22,6 +22,8 @@ def evaluate(parts: Any, parameters: Any, state: Any, platforms: Any, value: Any
     `parts` (k, 5) holds address, first row and row behind the last, first parameter and parameter behind the last.
     `jacobian` without a row asks for values alone.
     """
+    for i in range(value.shape[0]):
+        value[i] = 0.0
     wanted = jacobian.shape[0]
     for i in range(wanted):
         for j in range(jacobian.shape[1]):
