@@ -44,6 +44,8 @@ def squares(state, platforms, parameters, value, jacobian):
 class Squares(Range):
     """Squared ranges: a kernel, and the same in NumPy."""
 
+    shares_sight = False
+
     def __init__(self, stations):
         super().__init__(1e5, stations)
         self.names = tuple(f"square_{i}" for i in self.stations)
