@@ -61,7 +61,7 @@ def draw_consistency(dataset: xr.Dataset, kind: str) -> Figure:
         log_scale(axes)
         if finite.max() > _TALLEST * one:
             axes.set_ylim(top=_TALLEST * one)
-    axes.set(xlabel=time_label(dataset), ylabel=label, xlim=(time[0], time[-1]))
+    axes.set(xlabel=time_label(dataset), ylabel=label, xlim=(time[0], time[-1]) if time[-1] > time[0] else None)
     grid(axes)
     figure.suptitle(title(dataset))
     legend_outside(figure, axes)

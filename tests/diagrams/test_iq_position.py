@@ -47,7 +47,7 @@ def test_a_position_with_its_files(tmp_path, capsys):
     assert again is not None
     assert (out / "estimates.csv").read_bytes() == (tmp_path / "again" / "estimates.csv").read_bytes()
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["position"]["estimates"][0]["updates"] == 9
+    assert summary["position"]["estimates"][0]["updates"] == 1
 
 
 def test_any_reference(tmp_path):
@@ -76,6 +76,12 @@ def test_three_receivers_need_a_height(tmp_path):
     assert error @ np.linalg.solve(covariance, error) < chi2.ppf(0.999, 2)
     without = run(file=paths, settings=[*SETTINGS, "position.sigma_height_m=null"])
     assert without.located.notes[-1].startswith("no fix: 2 time difference(s) do not determine a place")
+
+
+def test_what_is_not_known_of_the_height_is_told(tmp_path):
+    """Three receivers on the ground tell nothing of it: its sigma stays what is assumed, to 5 %."""
+    report = run(file=record(tmp_path, 4)[:3], settings=["integration_s=0.05"])
+    assert_allclose(report.located.report.told[0].sigma["sigma_up_m"], 1000.0, rtol=0.05)
 
 
 def test_where_nobody_knows(tmp_path):

@@ -18,8 +18,9 @@ from quietfix.diagrams.own.fields.schema import OwnScenario
 from quietfix.diagrams.own.system import own_system, places_of
 from quietfix.diagrams.parts.formation import gravity_constants
 from quietfix.diagrams.paths.functions import paths_of
+from quietfix.diagrams.readers.stamps import write_stamps
 from quietfix.diagrams.recorded.locating.receivers import Known
-from quietfix.diagrams.recorded.locating.rows import Rows, write_rows
+from quietfix.diagrams.recorded.locating.rows import Rows, at_once, write_rows
 from quietfix.diagrams.recorded.settings.position_settings import PositionSettings
 from quietfix.diagrams.studies.study import Study
 from quietfix.diagrams.studies.whole import join
@@ -113,6 +114,16 @@ def locate(heard: Heard, known: Known, settings: PositionSettings, folder: Path)
         fdoa = []
         if settings.fdoa == "used":
             notes.append("position: FDOA is left out: nobody knows the carrier (core:frequency)")
+    if settings.speed_mps == 0 and not known.moving:
+        both = [at_once(rows, heard.times.size // 2) for rows in (*tdoa, *fdoa)]
+        tdoa, fdoa = [rows for rows, _ in both[: len(tdoa)]], [rows for rows, _ in both[len(tdoa) :]]
+        notes += [
+            f"position: differences at {rows.receiver} scatter {larger:.2g} times as much as their sigmas, which are "
+            "enlarged"
+            for rows, larger in both
+            if larger > 1
+        ]
+        notes.append("position: of all times together, from a start at their own fix, so that its NIS says nothing")
     height = _height_row(settings, tdoa)
     write_rows(folder / "measurements.csv", heard.began, heard.times, [*tdoa, *fdoa, *height])
     (folder / f"platforms{known.suffix}").write_bytes(known.content)
@@ -175,11 +186,14 @@ def _system(
     # errors at the reference are in every difference; noise that is much stronger than the signal is each pair's own
     noise = 1 / max(heard.coherence, 1e-6) - 1
     correlated = str(len(tdoa) > 1 and 1 / (2 + noise) > _CORRELATED).lower()
-    begin = 0.0 if heard.began is None else min(float(heard.times[rows.there][0]) for rows in tdoa)
+    once = all(np.count_nonzero(rows.there) == 1 for rows in (*tdoa, *fdoa))
+    begin = 0.0 if once or heard.began is None else min(float(heard.times[rows.there][0]) for rows in tdoa)
     lines = [
         "# Where an emitter is, from differences of I/Q recordings. `quietfix run fix.yaml` gives the same estimates.",
         f"frame: {settings.frame}",
         f"duration_s: {round(float(heard.times[-1]) - begin + _ROUNDED, 6)!r}",
+        # a run has a length: a single time is not its beginning
+        *([f"start_utc: {write_stamps(heard.began, np.zeros(1))[0]}"] if once and heard.began is not None else []),
         "platforms:",
     ]
     for name in used:

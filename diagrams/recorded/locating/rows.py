@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from quietfix.diagrams.readers.stamps import write_stamps
+from quietfix.systems.fixes.standing import averaged
 
-__all__ = ["Rows", "write_rows"]
+__all__ = ["Rows", "at_once", "write_rows"]
 
 Array = NDArray[np.float64]
+
+_FEWEST, _SURE = 3, 0.999
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +45,34 @@ class Rows:
         """Where there is a value, shape (times,)."""
         found: NDArray[np.bool_] = np.isfinite(self.value) & np.isfinite(self.sigma) & (self.sigma > 0)
         return found
+
+
+def at_once(rows: Rows, at: int) -> tuple[Rows, float]:
+    """Return the weighted mean of what does not change, as a row at one time, and how much larger its scatter is.
+
+    An estimator that takes the times one after the other, each about another estimate, would believe to learn of
+    directions of which the rows tell nothing, such as the height of what is heard by three receivers on the ground.
+
+    Parameters
+    ----------
+    rows : Rows
+    at : int
+        Which of the times.
+
+    Returns
+    -------
+    Rows
+    float
+        By how much sigma was enlarged, for the values scatter so; 1 where that is chance (in 999 of 1000).
+    """
+    there = rows.there
+    mean, sigma = averaged(rows.value[there, None], rows.sigma[there, None])
+    dof = int(there.sum()) - 1
+    scatter = float(np.square((rows.value[there] - mean[0, 0]) / rows.sigma[there]).sum())
+    larger = math.sqrt(scatter / dof) if dof >= _FEWEST and scatter > chi2.ppf(_SURE, dof) else 1.0
+    value, spread = np.full(there.size, np.nan), np.full(there.size, np.nan)
+    value[at], spread[at] = mean[0, 0], larger * sigma[0, 0]
+    return replace(rows, value=value, sigma=spread), larger
 
 
 def write_rows(
