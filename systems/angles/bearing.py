@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from quietfix.systems.angle_wrapping import wrap
 from quietfix.systems.kernels.equations import Equations, of_kernel
-from quietfix.systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.measurement.base import CompiledModel, positive
 
 __all__ = ["Bearing", "from_compass", "to_compass"]
 
@@ -24,7 +24,7 @@ def to_compass(azimuth: Array | float) -> Array:
     return np.mod(90.0 - np.degrees(azimuth), 360.0)
 
 
-class Bearing(MeasurementModel):
+class Bearing(CompiledModel):
     r"""Direction of a target: azimuth counter-clockwise from x (east), and elevation above the x-y plane.
 
     .. math:: \theta = \operatorname{atan2}(\Delta y, \Delta x), \qquad
@@ -65,45 +65,6 @@ class Bearing(MeasurementModel):
             platforms=[self.platform],
             coordinates=self._axes,
         )
-
-    def predict(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.predict`."""
-        return self._angles(self._offset(target, platforms))
-
-    def _angles(self, offset: Array) -> Array:
-        x, y = offset[..., 0], offset[..., 1]
-        angles = np.empty((*x.shape, self.size))
-        angles[..., 0] = np.arctan2(y, x)
-        if self.size == 2:
-            angles[..., 1] = np.arctan2(offset[..., 2], np.hypot(x, y))
-        under = (x == 0) & (y == 0)
-        if under.any():
-            angles[under, 0] = np.nan
-        return angles
-
-    def jacobian(self, target: Array, platforms: Array) -> Array:
-        r"""See `MeasurementModel.jacobian`; the azimuth's is :math:`[-\sin\theta, \cos\theta]/\rho`."""
-        return self._gradient(self._offset(target, platforms), target.shape[-1])
-
-    def _gradient(self, offset: Array, size: int) -> Array:
-        x, y = offset[..., 0], offset[..., 1]
-        square = x * x + y * y
-        rows = np.zeros((*x.shape, self.size, size))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rows[..., 0, 0] = -y / square
-            rows[..., 0, 1] = x / square
-            if self.size == 2:
-                z, ground = offset[..., 2], np.sqrt(square)
-                slant = square + z * z
-                rows[..., 1, 0] = -x * z / (ground * slant)
-                rows[..., 1, 1] = -y * z / (ground * slant)
-                rows[..., 1, 2] = ground / slant
-        return rows
-
-    def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
-        """See `MeasurementModel.linearize`."""
-        offset = self._offset(target, platforms)
-        return self._angles(offset), self._gradient(offset, target.shape[-1])
 
     def modified_gain(self, measured: Array, target: Array, platforms: Array) -> Array:
         r"""Return the modified gain g: for a measurement without noise it makes the linear relation exact.

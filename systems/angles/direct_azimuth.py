@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from quietfix.systems.angle_wrapping import wrap
 from quietfix.systems.kernels.equations import Equations, of_kernel
-from quietfix.systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.measurement.base import CompiledModel, positive
 
 __all__ = ["DirectAzimuth"]
 
 Array = NDArray[np.float64]
 
 
-class DirectAzimuth(MeasurementModel):
+class DirectAzimuth(CompiledModel):
     """The first state component is measured, as an angle: H = [1, 0], R = sigma^2, residuals wrapped.
 
     Equation (12) of Huang, doi 10.3969/j.issn.1009-086x.2017.01.020. No platform is read.
@@ -34,16 +34,6 @@ class DirectAzimuth(MeasurementModel):
     def equations(self) -> Equations:
         """See `MeasurementModel.equations`."""
         return of_kernel("states:components", [0], 1, modulus=2 * np.pi, states=1)
-
-    def predict(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.predict`."""
-        return target[..., :1]
-
-    def jacobian(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.jacobian`."""
-        jacobian = np.zeros((*target.shape[:-1], 1, target.shape[-1]))
-        jacobian[..., 0, 0] = 1.0
-        return jacobian
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""

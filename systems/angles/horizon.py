@@ -50,21 +50,6 @@ class HorizonBearing(Bearing):
             coordinates=3,
         )
 
-    def predict(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.predict`."""
-        return self._angles(self._turned(target, platforms)[0])
-
-    def jacobian(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.jacobian`."""
-        return self.linearize(target, platforms)[1]
-
-    def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
-        """See `MeasurementModel.linearize`."""
-        offset, rotation = self._turned(target, platforms)
-        jacobian = np.zeros((*offset.shape[:-1], self.size, target.shape[-1]))
-        jacobian[..., :3] = self._gradient(offset, 3) @ rotation
-        return self._angles(offset), jacobian
-
     def modified_gain(self, measured: Array, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.modified_gain`; that of `Bearing`, turned."""
         offset, rotation = self._turned(target, platforms)

@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from quietfix.systems.angle_wrapping import wrap
 from quietfix.systems.constants import EARTH_RATE
 from quietfix.systems.geometry.body_frame import body_frame
-from quietfix.systems.geometry.lines_of_sight import LineOfSight
 from quietfix.systems.kernels.equations import Equations, of_kernel
-from quietfix.systems.measurement.base import positive
-from quietfix.systems.measurement.sighted import SightedModel
+from quietfix.systems.measurement.base import CompiledModel, positive
 
 __all__ = ["InterferometerPhase", "phase_angle"]
 
@@ -50,7 +48,7 @@ def phase_angle(phase: Array, baseline: float, wavelength: float) -> Array:
     return np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
 
 
-class InterferometerPhase(SightedModel):
+class InterferometerPhase(CompiledModel):
     r"""Phase differences of orthogonal baselines on one satellite that points to nadir.
 
     .. math:: \varphi_a = 2\pi n\, x_b/r, \qquad \varphi_b = 2\pi n\, y_b/r, \qquad n = d/\lambda
@@ -126,19 +124,6 @@ class InterferometerPhase(SightedModel):
         return of_kernel(
             "sight:interferometer_phase", parameters, self.size, modulus=modulus, states=3, platforms=[self.platform]
         )
-
-    def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
-        """See `SightedModel.predict_from`; unambiguous even for a wrapped sensor, see `represent`."""
-        return np.einsum("...mi,...i->...m", self.body_axes(platforms), sight.direction[..., self.platform, :])
-
-    def linearize_from(self, sight: LineOfSight, platforms: Array, size: int) -> tuple[Array, Array]:
-        r"""See `SightedModel.linearize_from`; the gradient is :math:`2\pi n\,(e - (e\cdot u)u)/r`."""
-        axes, u = self.body_axes(platforms), sight.direction[..., self.platform, :]
-        phase = np.einsum("...mi,...i->...m", axes, u)
-        rows = axes - phase[..., None] * u[..., None, :]
-        jacobian = np.zeros((*phase.shape, size))
-        jacobian[..., :3] = rows / sight.distance[..., self.platform, None, None]
-        return phase, jacobian
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""

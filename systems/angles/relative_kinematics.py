@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from quietfix.systems.angle_wrapping import wrap
 from quietfix.systems.kernels.equations import Equations, of_kernel
-from quietfix.systems.measurement.base import MeasurementModel, positive
-from quietfix.systems.trajectories.gravity import GravityConstants, acceleration, gradient
+from quietfix.systems.measurement.base import CompiledModel, positive
+from quietfix.systems.trajectories.gravity import GravityConstants
 
 __all__ = ["ROWS", "RelativeKinematics", "SightAxes", "sight_axes"]
 
@@ -60,7 +60,7 @@ def sight_axes(azimuth: Array, elevation: Array) -> SightAxes:
     )
 
 
-class RelativeKinematics(MeasurementModel):
+class RelativeKinematics(CompiledModel):
     r"""What a satellite measures of another one, in inertial axes.
 
     With :math:`\rho` the vector from observer to target, w its velocity and a its acceleration:
@@ -102,7 +102,6 @@ class RelativeKinematics(MeasurementModel):
         self.observer = observer
         self._sigmas = np.array([positive(sigmas[row], f"sigma_{row}", ROWS[row]) for row in self.names])
         self._rows = [list(ROWS).index(row) for row in self.names]
-        self._accelerated = "radial_acceleration" in self.names
         self._angles = np.array([row in ("azimuth", "elevation") for row in self.names])
 
     def equations(self) -> Equations:
@@ -117,19 +116,6 @@ class RelativeKinematics(MeasurementModel):
             states=6,
             platforms=[self.observer],
         )
-
-    def predict(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.predict`."""
-        return self._all(target, platforms, False)[0][..., self._rows]
-
-    def jacobian(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.jacobian`."""
-        return self.linearize(target, platforms)[1]
-
-    def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
-        """See `MeasurementModel.linearize`."""
-        value, jacobian = self._all(target, platforms, True)
-        return value[..., self._rows], jacobian[..., self._rows, :]
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""
@@ -155,62 +141,6 @@ class RelativeKinematics(MeasurementModel):
         used = np.zeros((self.size, platforms), dtype=bool)
         used[:, self.observer] = True
         return used
-
-    def _all(self, target: Array, platforms: Array, derivative: bool) -> tuple[Array, Array]:
-        observer = platforms[..., self.observer, :]
-        offset = target[..., :6] - observer
-        x, w = offset[..., :3], offset[..., 3:]
-        level2 = x[..., 0] ** 2 + x[..., 1] ** 2
-        level = np.sqrt(level2)
-        r = np.sqrt(level2 + x[..., 2] ** 2)
-        ce, se = level / r, x[..., 2] / r
-        cb, sb = x[..., 0] / level, x[..., 1] / level
-        radial = x / r[..., None]
-        zero = np.zeros_like(r)
-        azimuthal = np.stack([-sb, cb, zero], axis=-1)
-        elevational = np.stack([-cb * se, -sb * se, ce], axis=-1)
-
-        def dot(a: Array, b: Array) -> Array:
-            return np.einsum("...i,...i->...", a, b)
-
-        value = np.empty((*r.shape, 6))
-        value[..., 0] = np.arctan2(x[..., 1], x[..., 0])
-        value[..., 1] = np.arctan2(x[..., 2], level)
-        value[..., 2] = azimuth_rate = dot(azimuthal, w) / level
-        value[..., 3] = elevation_rate = dot(elevational, w) / r
-        value[..., 4] = speed = dot(radial, w)
-        across = dot(w, w) - speed**2
-        if self._accelerated:
-            relative = acceleration(target[..., :3], self.constants, self.j2) - acceleration(
-                observer[..., :3], self.constants, self.j2
-            )
-            value[..., 5] = dot(radial, relative) + across / r
-        else:
-            value[..., 5] = np.nan
-        if not derivative:
-            return value, value
-
-        jacobian = np.zeros((*r.shape, 6, target.shape[-1]))
-        by_level, by_range = azimuthal / level[..., None], elevational / r[..., None]
-        jacobian[..., 0, :3] = jacobian[..., 2, 3:6] = by_level
-        jacobian[..., 1, :3] = jacobian[..., 3, 3:6] = by_range
-        # The derivative of grad(beta) . w with respect to the position is the rate of grad(beta) along w.
-        spread = (speed * ce - r * se * elevation_rate)[..., None]
-        outward = np.stack([cb, sb, zero], axis=-1)
-        jacobian[..., 2, :3] = -(azimuth_rate[..., None] * outward + spread * by_level) / level[..., None]
-        turning = elevation_rate[..., None] * radial + (azimuth_rate * se)[..., None] * azimuthal
-        jacobian[..., 3, :3] = -(turning + speed[..., None] * by_range) / r[..., None]
-        tangent = (w - speed[..., None] * radial) / r[..., None]
-        jacobian[..., 4, :3] = tangent
-        jacobian[..., 4, 3:6] = radial
-        if self._accelerated:
-            pull = np.einsum("...ij,...j->...i", gradient(target[..., :3], self.constants, self.j2), radial)
-            side = (relative - dot(radial, relative)[..., None] * radial) / r[..., None]
-            jacobian[..., 5, :3] = (
-                pull + side - (across / r**2)[..., None] * radial - 2 * (speed / r)[..., None] * tangent
-            )
-            jacobian[..., 5, 3:6] = 2 * tangent
-        return value, jacobian
 
 
 def rows_of(kinds: Sequence[str]) -> list[str]:

@@ -13,7 +13,18 @@ from numpy.typing import NDArray
 
 from quietfix.systems.kernels.loading import address
 
-__all__ = ["Equations", "Program", "Step", "are_own", "equations_of", "joined", "of_kernel", "program", "step"]
+__all__ = [
+    "Equations",
+    "Program",
+    "Step",
+    "are_own",
+    "equations_of",
+    "inherited_program",
+    "joined",
+    "of_kernel",
+    "program",
+    "step",
+]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -141,17 +152,28 @@ class Program:
 
 
 _programs: dict[int, tuple[weakref.ref[Any], Program | None]] = {}
+_inherited: dict[int, tuple[weakref.ref[Any], Program]] = {}
 
 
 def program(model: Any) -> Program | None:
-    """Return the program of a model's equations, made when it is first asked for; None where it has none."""
+    """Return the program of a model's equations, made when it is first asked for; None without own ones (`are_own`)."""
     key = id(model)
     known = _programs.get(key)
     if known is not None and known[0]() is model:
         return known[1]
-    equations = equations_of(model)
-    made = None if equations is None else _made(equations)
+    made = None if equations_of(model) is None else inherited_program(model)
     _programs[key] = weakref.ref(model, lambda _: _programs.pop(key, None)), made
+    return made
+
+
+def inherited_program(model: Any) -> Program:
+    """Return the program of a model that has equations, though its class may say something else by another method."""
+    key = id(model)
+    known = _inherited.get(key)
+    if known is not None and known[0]() is model:
+        return known[1]
+    made = _made(model.equations())
+    _inherited[key] = weakref.ref(model, lambda _: _inherited.pop(key, None)), made
     return made
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,7 +49,7 @@ def _evaluated(program: Program, target: Array, platforms: Array, derivatives: b
         raised(program, code & 255, states[i, j], seen[min(i, len(seen) - 1), min(j, seen.shape[1] - 1)])
     if not program.straight:
         value, jacobian = value[..., program.chosen], jacobian[:, :, program.chosen] if derivatives else jacobian
-    return value.reshape(*lead, -1), jacobian.reshape(*lead, *jacobian.shape[-2:])
+    return value.reshape(*lead, value.shape[-1]), jacobian.reshape(*lead, *jacobian.shape[-2:])
 
 
 def _two_axes(array: Array, lead: tuple[int, ...], own: int) -> Array:
@@ -58,7 +60,7 @@ def _two_axes(array: Array, lead: tuple[int, ...], own: int) -> Array:
     if front != lead and (own == 1 or len(lead) > 2):  # what is repeated by its index is platforms, in two axes
         array, front = np.broadcast_to(array, (*lead, *rest)), lead
     if len(lead) > 2:
-        array = array.reshape(-1, lead[-1], *rest)
+        array = array.reshape(math.prod(lead[:-1]), lead[-1], *rest)
     elif len(lead) < 2 or array.ndim < own + 2:
         array = array.reshape(*front, *(1,) * (2 - len(lead)), *rest)
     return array if array.flags.writeable and array.dtype.char == "d" else np.array(array, dtype=np.float64)

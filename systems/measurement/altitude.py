@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.earth.geodetic import vertical
 from quietfix.systems.kernels.equations import Equations, of_kernel
-from quietfix.systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.measurement.base import CompiledModel, positive
 
 __all__ = ["Altitude"]
 
 Array = NDArray[np.float64]
 
 
-class Altitude(MeasurementModel):
+class Altitude(CompiledModel):
     r"""Geodetic height of the target; the gradient is the ellipsoid's outward normal.
 
     Parameters
@@ -34,21 +33,6 @@ class Altitude(MeasurementModel):
     def equations(self) -> Equations:
         """See `MeasurementModel.equations`."""
         return of_kernel("states:altitude", [], 1, states=3)
-
-    def predict(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.predict`."""
-        return vertical(target[..., :3])[1][..., None]
-
-    def jacobian(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.jacobian`."""
-        return self.linearize(target, platforms)[1]
-
-    def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
-        """See `MeasurementModel.linearize`."""
-        normal, height = vertical(target[..., :3])
-        jacobian = np.zeros((*target.shape[:-1], 1, target.shape[-1]))
-        jacobian[..., 0, :3] = normal
-        return height[..., None], jacobian
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""

@@ -8,9 +8,10 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.kernels.equations import Equations
+from quietfix.systems.kernels.equations import Equations, inherited_program
+from quietfix.systems.kernels.evaluating import linearized, values
 
-__all__ = ["MeasurementModel", "differenced_covariance", "positive"]
+__all__ = ["CompiledModel", "MeasurementModel", "differenced_covariance", "positive"]
 
 Array = NDArray[np.float64]
 
@@ -86,6 +87,26 @@ class MeasurementModel(ABC):
     def sigmas(self) -> Array:
         """Standard deviation of each row, shape (m,)."""
         return np.sqrt(np.diagonal(self.noise_covariance()))
+
+
+class CompiledModel(MeasurementModel):
+    """A model whose equations stand in its kernel alone: value and derivative over leading axes come from there."""
+
+    @abstractmethod
+    def equations(self) -> Equations:
+        """See `MeasurementModel.equations`."""
+
+    def predict(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.predict`."""
+        return values(inherited_program(self), target, platforms)
+
+    def jacobian(self, target: Array, platforms: Array) -> Array:
+        """See `MeasurementModel.jacobian`."""
+        return self.linearize(target, platforms)[1]
+
+    def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
+        """See `MeasurementModel.linearize`."""
+        return linearized(inherited_program(self), target, platforms)
 
 
 def positive(value: float, name: str, unit: str) -> float:

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.kernels.equations import Equations, of_kernel
-from quietfix.systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.measurement.base import CompiledModel, positive
 
 __all__ = ["Component"]
 
 Array = NDArray[np.float64]
 
 
-class Component(MeasurementModel):
+class Component(CompiledModel):
     """One component of the state, such as the height z in local axes.
 
     Parameters
@@ -33,16 +33,6 @@ class Component(MeasurementModel):
     def equations(self) -> Equations:
         """See `MeasurementModel.equations`."""
         return of_kernel("states:components", [self.index], 1, states=self.index + 1)
-
-    def predict(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.predict`."""
-        return np.array(target[..., self.index : self.index + 1])
-
-    def jacobian(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.jacobian`."""
-        rows = np.zeros((*target.shape[:-1], 1, target.shape[-1]))
-        rows[..., 0, self.index] = 1.0
-        return rows
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""

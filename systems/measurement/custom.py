@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from quietfix.systems.checked import Checked, disagreement, state_steps
 from quietfix.systems.checked import made as made_checked
+from quietfix.systems.kernels.equations import Equations, equations_of, program
+from quietfix.systems.kernels.evaluating import values
 from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["CustomMeasurement", "made"]
@@ -17,6 +19,7 @@ __all__ = ["CustomMeasurement", "made"]
 Array = NDArray[np.float64]
 
 _CLOSE = 1e-3  # of a gradient; what is nearer costs no estimator anything
+_SAME = 1e-3  # sigmas, of what a kernel gives
 _NO_GRADIENT = 1e-6  # sigmas per metre or m/s
 
 
@@ -88,6 +91,11 @@ class CustomMeasurement(MeasurementModel):
             if not np.isfinite(value).all():
                 begin = target.reshape(-1, target.shape[-1])[0].tolist()
                 raise self._checked.wrong(what, f"a number that is not finite, for a target at {begin}")
+        compiled = program(self)
+        if compiled is not None:
+            off = np.abs(values(compiled, target, platforms) - answers["predict"]) / self.sigmas
+            if not np.all(off <= _SAME):
+                raise self._checked.wrong("equations", f"its kernel is {np.max(off):.2g} sigmas off what predict gives")
         self._checked.same_again("predict", answers["predict"], self.predict(target, platforms))
 
     def doubt(self, target: Array, platforms: Array) -> str:
@@ -111,6 +119,11 @@ class CustomMeasurement(MeasurementModel):
     def _values(self, target: Array, seen: Array) -> Array:
         allowed = [(*lead, self.size) for lead in self._leads(target, seen)]
         return self._checked.shaped("predict", (target, seen), allowed)
+
+    def equations(self) -> Equations | None:
+        """See `MeasurementModel.equations`: those of the user's class, where it sees the first platforms in order."""
+        in_order = self.platforms == list(range(len(self.platforms)))
+        return equations_of(self.model) if in_order and self.has_jacobian else None
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""

@@ -7,17 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.geometry.lines_of_sight import LineOfSight
 from quietfix.systems.kernels.equations import Equations, of_kernel
-from quietfix.systems.measurement.base import positive
-from quietfix.systems.measurement.sighted import SightedModel
+from quietfix.systems.measurement.base import CompiledModel, positive
 
 __all__ = ["Range"]
 
 Array = NDArray[np.float64]
 
 
-class Range(SightedModel):
+class Range(CompiledModel):
     r"""Distances from stations to the target.
 
     .. math:: z_i = r_i = |p - p_i|, \qquad \partial r_i/\partial p = u_i = (p - p_i)/r_i
@@ -41,17 +39,6 @@ class Range(SightedModel):
     def equations(self) -> Equations:
         """See `MeasurementModel.equations`."""
         return of_kernel("ranges:ranges", self.stations, self.size, states=3, platforms=self.stations)
-
-    def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
-        """See `SightedModel.predict_from`."""
-        return sight.distance[..., self.stations]
-
-    def linearize_from(self, sight: LineOfSight, platforms: Array, size: int) -> tuple[Array, Array]:
-        """See `SightedModel.linearize_from`."""
-        direction = sight.direction[..., self.stations, :]
-        jacobian = np.zeros((*direction.shape[:-1], size))
-        jacobian[..., :3] = direction
-        return sight.distance[..., self.stations], jacobian
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""

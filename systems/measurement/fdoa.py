@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.constants import EARTH_RATE, SPEED_OF_LIGHT
-from quietfix.systems.geometry.light_time import Arrival
-from quietfix.systems.geometry.lines_of_sight import LineOfSight
 from quietfix.systems.kernels.equations import Equations, of_kernel
 from quietfix.systems.measurement.base import positive
 from quietfix.systems.measurement.differenced import Differenced
@@ -72,20 +70,3 @@ class Fdoa(Differenced):
                 platforms=[self.reference, *self.receivers],
             )
         return of_kernel("sight:fdoa", parameters, self.size, states=6, platforms=[self.reference, *self.receivers])
-
-    def values_from(self, sight: LineOfSight) -> Array:
-        """Return the Doppler shifts [Hz]."""
-        return (-self._doppler / SPEED_OF_LIGHT) * sight.range_rate
-
-    def gradients_from(self, sight: LineOfSight) -> Array:
-        """Return the derivative with respect to position and velocity, shape (..., p, 6)."""
-        both = np.concatenate([sight.range_rate_gradient, sight.direction], axis=-1)
-        return (-self._doppler / SPEED_OF_LIGHT) * both
-
-    def values_of(self, wave: Arrival) -> Array:
-        """Return the Doppler shifts [Hz]."""
-        return self._doppler * wave.frequency_ratio
-
-    def gradients_of(self, wave: Arrival) -> Array:
-        """Return their derivatives, shape (..., p, 6)."""
-        return self._doppler * wave.frequency_ratio_jacobian

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.constants import SPEED_OF_LIGHT
-from quietfix.systems.kernels.equations import Equations
 from quietfix.systems.measurement.base import positive
 from quietfix.systems.measurement.range_rate import RangeRate
 
@@ -41,16 +40,3 @@ class Frequency(RangeRate):
         super().__init__(positive(sigma, "sigma_frequency", "Hz"), stations, bias)
         self.names = tuple(f"frequency_{i}" for i in self.stations)
         self.units = ("Hz",) * len(self.names)
-
-    def equations(self) -> Equations:
-        """See `MeasurementModel.equations`."""
-        return super().equations()
-
-    def predict(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.predict`."""
-        return self.scale * super().predict(target, platforms)
-
-    def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
-        """See `MeasurementModel.linearize`."""
-        value, jacobian = super().linearize(target, platforms)
-        return self.scale * value, self.scale * jacobian

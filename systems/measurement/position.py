@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.kernels.equations import Equations, of_kernel
-from quietfix.systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.measurement.base import CompiledModel, positive
 
 __all__ = ["Position"]
 
 Array = NDArray[np.float64]
 
 
-class Position(MeasurementModel):
+class Position(CompiledModel):
     """Earth-fixed x, y and z, with independent errors.
 
     Parameters
@@ -33,16 +33,6 @@ class Position(MeasurementModel):
     def equations(self) -> Equations:
         """See `MeasurementModel.equations`."""
         return of_kernel("states:components", [0, 1, 2], 3, states=3)
-
-    def predict(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.predict`."""
-        return np.array(target[..., :3], dtype=float)
-
-    def jacobian(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.jacobian`."""
-        jacobian = np.zeros((*target.shape[:-1], 3, target.shape[-1]))
-        jacobian[..., :3] = np.eye(3)
-        return jacobian
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""

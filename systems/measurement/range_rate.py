@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.kernels.equations import Equations, of_kernel
-from quietfix.systems.measurement.base import MeasurementModel, positive
+from quietfix.systems.measurement.base import CompiledModel, positive
 
 __all__ = ["RangeRate", "common_part"]
 
 Array = NDArray[np.float64]
 
 
-class RangeRate(MeasurementModel):
+class RangeRate(CompiledModel):
     r"""Range rates at stations, all with the same unknown addition.
 
     .. math:: z_i = u_i^T (v - v_i) + \delta, \qquad u_i = (p - p_i)/|p - p_i|
@@ -44,9 +44,6 @@ class RangeRate(MeasurementModel):
         self.stations = list(stations)
         if not self.stations or len(set(self.stations)) < len(self.stations):
             raise ValueError(f"stations: {self.stations} is not allowed; at least one, none of them twice")
-        # a view instead of a copy where all of the first ones receive
-        in_order = self.stations == list(range(len(self.stations)))
-        self._received = slice(len(self.stations)) if in_order else self.stations
         first = 3 if at_rest else 6
         if bias is not None and bias < first:
             raise ValueError(f"bias: index {bias} is not allowed; the first {first} states are the target's own")
@@ -61,50 +58,6 @@ class RangeRate(MeasurementModel):
         states = max(states, 3 if self.at_rest else 6)
         return of_kernel("ranges:range_rates", parameters, self.size, states=states, platforms=self.stations)
 
-    def _geometry(self, target: Array, platforms: Array) -> tuple[Array, Array, Array, Array]:
-        """Return offset and velocity (3, rows, ...), distance and range rate (rows, ...).
-
-        An unscented filter spends most of its time here. Axes and rows first: the innermost loop of every operation
-        then runs over trials and sigma points, not over three axes or a handful of stations.
-        """
-        used = np.moveaxis(platforms[..., self._received, :], (-1, -2), (0, 1))
-        state = np.ascontiguousarray(np.moveaxis(target[..., : 3 if self.at_rest else 6], -1, 0))[:, None]
-        # broadcast from the right, as everywhere, behind the rows
-        leading = max(state.ndim, used.ndim) - 2
-        state, used = (
-            part.reshape(*part.shape[:2], *(1,) * (leading - part.ndim + 2), *part.shape[2:]) for part in (state, used)
-        )
-        offset = state[:3] - used[:3]
-        velocity = -used[3:] if self.at_rest else state[3:] - used[3:]
-        distance = np.sqrt(_over_axes(offset * offset))
-        return offset, velocity, distance, _over_axes(offset * velocity) / distance
-
-    def _with_bias(self, rates: Array, target: Array) -> Array:
-        """Return the measurement (..., rows) for range rates (rows, ...)."""
-        return np.moveaxis(rates if self.bias is None else rates + target[..., self.bias], 0, -1)
-
-    def predict(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.predict`."""
-        return self._with_bias(self._geometry(target, platforms)[3], target)
-
-    def jacobian(self, target: Array, platforms: Array) -> Array:
-        """See `MeasurementModel.jacobian`."""
-        return self.linearize(target, platforms)[1]
-
-    def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
-        """See `MeasurementModel.linearize`."""
-        offset, velocity, distance, rates = self._geometry(target, platforms)
-        jacobian = np.zeros((*rates.shape[1:], len(rates), target.shape[-1]))
-        rows_first = np.moveaxis(jacobian, -2, 0)
-        for k in range(3):
-            along = offset[k] / distance
-            rows_first[..., k] = (velocity[k] - rates * along) / distance
-            if not self.at_rest:
-                rows_first[..., 3 + k] = along
-        if self.bias is not None:
-            jacobian[..., self.bias] = 1.0
-        return self._with_bias(rates, target), jacobian
-
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""
         return self.sigma**2 * np.eye(self.size)
@@ -114,14 +67,6 @@ class RangeRate(MeasurementModel):
         used = np.zeros((self.size, platforms), dtype=bool)
         used[np.arange(self.size), self.stations] = True
         return used
-
-
-def _over_axes(parts: Array) -> Array:
-    """Return the sum over the first of three axes, formed in place: no reduction that could depend on the others."""
-    total: Array = parts[0]
-    total += parts[1]
-    total += parts[2]
-    return total
 
 
 def common_part(rates: Array, bias: Array, mode: Array, uplink: int) -> Array:

@@ -8,10 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.geometry.lines_of_sight import LineOfSight
 from quietfix.systems.kernels.equations import Equations, of_kernel
-from quietfix.systems.measurement.base import positive
-from quietfix.systems.measurement.sighted import SightedModel
+from quietfix.systems.measurement.base import CompiledModel, positive
 
 __all__ = ["ReceivedPower"]
 
@@ -20,7 +18,7 @@ Array = NDArray[np.float64]
 _PER_NEPER = 10.0 / math.log(10.0)
 
 
-class ReceivedPower(SightedModel):
+class ReceivedPower(CompiledModel):
     r"""Received power at stations, in dBm, of an emitter whose power is known.
 
     .. math:: z_i = P_0 - 10\,n\,\log_{10}\frac{r_i}{1\,\mathrm m}, \qquad
@@ -57,17 +55,6 @@ class ReceivedPower(SightedModel):
         """See `MeasurementModel.equations`."""
         parameters = [self.power, self.exponent, *self.stations]
         return of_kernel("ranges:received_power", parameters, self.size, states=3, platforms=self.stations)
-
-    def predict_from(self, sight: LineOfSight, platforms: Array) -> Array:
-        """See `SightedModel.predict_from`."""
-        return self.power - 10.0 * self.exponent * np.log10(sight.distance[..., self.stations])
-
-    def linearize_from(self, sight: LineOfSight, platforms: Array, size: int) -> tuple[Array, Array]:
-        """See `SightedModel.linearize_from`."""
-        direction, distance = sight.direction[..., self.stations, :], sight.distance[..., self.stations]
-        jacobian = np.zeros((*direction.shape[:-1], size))
-        jacobian[..., :3] = -(_PER_NEPER * self.exponent) * direction / distance[..., None]
-        return self.predict_from(sight, platforms), jacobian
 
     def noise_covariance(self) -> Array:
         """See `MeasurementModel.noise_covariance`."""

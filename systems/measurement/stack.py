@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from quietfix.systems.geometry.lines_of_sight import LineOfSight, line_of_sight
-from quietfix.systems.kernels.equations import Equations, equations_of, joined
+from quietfix.systems.kernels.equations import Equations, equations_of, joined, program
+from quietfix.systems.kernels.evaluating import linearized, values
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.measurement.sighted import SightedModel
 
@@ -68,14 +69,17 @@ class Stack(MeasurementModel):
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""
+        compiled = program(self)
+        if compiled is not None:
+            return values(compiled, target, platforms)
         sight = self._sight(target, platforms)
-        values = [
+        parts = [
             model.predict_from(sight, platforms)
             if sight is not None and isinstance(model, SightedModel) and model.shares_sight
             else model.predict(target, platforms)
             for model in self.models
         ]
-        return self._join_values(values, target)
+        return self._join_values(parts, target)
 
     def jacobian(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.jacobian`."""
@@ -83,6 +87,9 @@ class Stack(MeasurementModel):
 
     def linearize(self, target: Array, platforms: Array) -> tuple[Array, Array]:
         """See `MeasurementModel.linearize`."""
+        compiled = program(self)
+        if compiled is not None:
+            return linearized(compiled, target, platforms)
         sight, size = self._sight(target, platforms), target.shape[-1]
         parts = [
             model.linearize_from(sight, platforms, size)

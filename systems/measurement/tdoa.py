@@ -7,9 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.constants import EARTH_RATE, SPEED_OF_LIGHT
-from quietfix.systems.geometry.light_time import Arrival
-from quietfix.systems.geometry.lines_of_sight import LineOfSight
+from quietfix.systems.constants import EARTH_RATE
 from quietfix.systems.geometry.refractivity import mean_refractivity
 from quietfix.systems.geometry.wave_path import WavePath
 from quietfix.systems.kernels.equations import Equations, of_kernel
@@ -65,22 +63,6 @@ class Tdoa(Differenced):
             )
         return of_kernel("sight:tdoa", parameters, self.size, states=3, platforms=[self.reference, *self.receivers])
 
-    def values_from(self, sight: LineOfSight) -> Array:
-        """Return the travel times [s]."""
-        return sight.distance / SPEED_OF_LIGHT
-
-    def gradients_from(self, sight: LineOfSight) -> Array:
-        """Return u / c, shape (..., p, 3)."""
-        return sight.direction / SPEED_OF_LIGHT
-
-    def values_of(self, wave: Arrival) -> Array:
-        """Return the delays [s]."""
-        return wave.delay
-
-    def gradients_of(self, wave: Arrival) -> Array:
-        """Return their derivatives, shape (..., p, 6)."""
-        return wave.delay_jacobian
-
 
 class GroundTdoa(Tdoa):
     """Time difference of arrival of a wave that goes along the ground, or over it by the ionosphere.
@@ -106,11 +88,3 @@ class GroundTdoa(Tdoa):
         seen = [self.reference, *self.receivers]
         parameters = [self.path.mirror, 1 + float(mean_refractivity(0.0, 0.0)), *seen]
         return of_kernel("sight:ground_tdoa", parameters, self.size, states=3, platforms=seen)
-
-    def values_from(self, sight: LineOfSight) -> Array:
-        """Return the travel times [s]."""
-        return self.path.length(sight.distance) / SPEED_OF_LIGHT
-
-    def gradients_from(self, sight: LineOfSight) -> Array:
-        """Return their derivatives, shape (..., p, 3)."""
-        return self.path.slope(sight.distance)[..., None] * sight.direction / SPEED_OF_LIGHT

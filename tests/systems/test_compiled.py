@@ -18,9 +18,11 @@ from quietfix.systems.kernels.equations import equations_of, of_kernel, program
 from quietfix.systems.kernels.evaluating import linearized, values
 from quietfix.systems.kernels.loading import ready
 from quietfix.systems.kernels.progress import on_compiling
+from quietfix.systems.measurement.custom import CustomMeasurement
 from quietfix.systems.measurement.distance import Range
 from quietfix.systems.measurement.stack import Stack
 from quietfix.systems.measurement.tdoa import Tdoa
+from tests.oracle.ranges import NumpyRange
 
 PLATFORMS = np.array([[[0.0, 0, 0, 0, 0, 0], [1e4, 0, 0, 0, 0, 0], [0, 1e4, 0, 0, 0, 0]]])
 STATES = np.array([[3e3, 4e3, 1e3, 10, 20, 0], [-5e3, 2e3, 2e3, 0, 5, 1], [1e3, 7e3, 500, -3, 0, 0]])
@@ -41,7 +43,7 @@ def squares(state, platforms, parameters, value, jacobian):
             value[k] = np.nan
 
 
-class Squares(Range):
+class Squares(NumpyRange):
     """Squared ranges: a kernel, and the same in NumPy."""
 
     shares_sight = False
@@ -93,6 +95,20 @@ def test_a_subclass_that_measures_something_else_is_asked_itself():
     assert program(Longer(1.0, [0])) is None
     assert program(Stack([Range(1.0, [1]), Longer(1.0, [0])])) is None
     assert updated(Longer(1.0, [0, 1])).innovation[0, 0] > 500  # of the biased prediction: 1000 m
+
+
+def test_behind_the_boundary_a_kernel_is_held_against_predict():
+    class Off(Squares):
+        equations = Squares.equations  # claimed for what the class changes
+
+        def predict(self, target, platforms):
+            return super().predict(target, platforms) + 200  # sigma: 1e5; 2e-3
+
+    good, off = (CustomMeasurement(kind([0, 1]), [0, 1]) for kind in (Squares, Off))
+    good.check(STATES, PLATFORMS)
+    assert program(good) is not None and program(CustomMeasurement(Squares([0]), [1])) is None
+    with pytest.raises(ValueError, match=r"equations.*its kernel is 0\.002 sigmas off what predict gives"):
+        off.check(STATES, PLATFORMS)
 
 
 def test_what_is_no_kernel_is_refused():
@@ -209,6 +225,7 @@ import sys, numpy as np
 from quietfix.systems.kernels.progress import on_compiling
 from quietfix.systems.kernels.equations import program
 from quietfix.systems.kernels.evaluating import linearized
+from quietfix.systems.measurement.custom import CustomMeasurement
 from quietfix.systems.measurement.distance import Range
 assert "numba" not in sys.modules
 names = []
