@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from quietfix.diagrams.commands.arguments import (
+    CHUNK,
     DATA,
     ESTIMATOR,
     MEASUREMENTS,
@@ -20,6 +21,7 @@ from quietfix.diagrams.commands.arguments import (
     SEED,
     SET,
     SYSTEM,
+    THREADS,
     TRIALS,
     TRUTH,
     TYPE,
@@ -149,9 +151,8 @@ def run(
     every: Annotated[
         int | None, typer.Option(parser=whole, metavar="N", help="Keep every so many epochs.  [default: 1]")
     ] = None,
-    chunk: Annotated[
-        int | None, typer.Option(parser=whole, metavar="N", help="Trials at once; changes no number.")
-    ] = None,
+    chunk: Annotated[int | None, CHUNK] = None,
+    threads: Annotated[int, THREADS] = 1,
     out: Annotated[Path | None, RESULTS] = None,
     overwrite: Annotated[bool, OVERWRITE] = False,
     trust: Annotated[
@@ -179,6 +180,7 @@ def run(
         "keep": keep,
         "every": every,
         "chunk": chunk,
+        "threads": threads,
         "data": data,
         "measurements": measurements,
         "truth": truth,
@@ -300,13 +302,14 @@ def compare(
     format_: Annotated[str, typer.Option("--format", help="table or markdown.")] = "table",
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write comparison.json, results, figures.")] = None,
     data: Annotated[list[Path] | None, DATA] = None,
+    threads: Annotated[int, THREADS] = 1,
     overwrite: Annotated[bool, OVERWRITE] = False,
 ) -> None:
     """Compare estimators on one stream of measurements: errors, bounds, consistency, cost, who is the best."""
     from quietfix.diagrams.commands.comparing import compare_command
 
     options = {"estimators": estimators, "trials": trials, "seed": seed, "set": settings, "scenario": scenario}
-    compare_command(systems, options | {"data": data}, at, format_, out, overwrite)
+    compare_command(systems, options | {"data": data, "threads": threads}, at, format_, out, overwrite)
 
 
 @app.command()
@@ -330,13 +333,14 @@ def sweep(
     settings: Annotated[list[str] | None, SET] = None,
     scenario: Annotated[Path | None, SCENARIO] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write sweep.json, results and a figure.")] = None,
+    threads: Annotated[int, THREADS] = 1,
     overwrite: Annotated[bool, OVERWRITE] = False,
 ) -> None:
     """Vary one number of a scenario on the same noise: what a mismatch costs, and whether the covariance tells."""
     from quietfix.diagrams.commands.sweeping import sweep_command
 
     options = {"estimators": estimators, "trials": trials, "seed": seed, "at": at, "set": settings}
-    sweep_command(system, vary, options | {"scenario": scenario}, out, overwrite)
+    sweep_command(system, vary, options | {"scenario": scenario, "threads": threads}, out, overwrite)
 
 
 @app.command(cls=ReplayHelp)
@@ -381,6 +385,7 @@ def verify(
         int | None, typer.Option(parser=whole, metavar="N", help="Seed of all noise, instead of the file's.")
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write verification.json and a figure here.")] = None,
+    threads: Annotated[int, THREADS] = 1,
     overwrite: Annotated[bool, OVERWRITE] = False,
 ) -> None:
     """Judge requirements: each holds, fails, or is undecided after as many trials as the file allows.
@@ -389,7 +394,7 @@ def verify(
     """
     from quietfix.diagrams.commands.verifying import verify_command
 
-    raise typer.Exit(verify_command(file, trials, seed, out, overwrite))
+    raise typer.Exit(verify_command(file, trials, seed, out, overwrite, threads))
 
 
 app.command()(identify)

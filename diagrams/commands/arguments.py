@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 __all__ = [
+    "CHUNK",
     "DATA",
     "ESTIMATOR",
     "MEASUREMENTS",
@@ -17,6 +18,7 @@ __all__ = [
     "SEED",
     "SET",
     "SYSTEM",
+    "THREADS",
     "TRIALS",
     "TRUTH",
     "TYPE",
@@ -87,4 +89,6 @@ def number(value: str) -> float:
 
 
 SEED = typer.Option(parser=whole, metavar="N", help="Seed of all noise.")
+CHUNK = typer.Option(parser=whole, metavar="N", help="Trials at once; changes no number.")
+THREADS = typer.Option(parser=whole, metavar="N", help="Threads that share the trials; changes no number.")
 TRIALS = typer.Option(parser=whole, metavar="N", help="Monte Carlo trials.  [default: 100; all tracks]")

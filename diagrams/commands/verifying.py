@@ -18,14 +18,16 @@ __all__ = ["print_report", "verification_figure", "verify_command"]
 _STYLES = {HOLDS: "green", FAILS: "red", UNDECIDED: "yellow"}
 
 
-def verify_command(file: Path, trials: int | None, seed: int | None, out: Path | None, overwrite: bool) -> int:
+def verify_command(
+    file: Path, trials: int | None, seed: int | None, out: Path | None, overwrite: bool, threads: int = 1
+) -> int:
     """Judge a requirements file, print a table and return the exit status; see ``quietfix verify --help``."""
     if out is None:
-        report = verify(file, trials=trials, seed=seed, progress=True)
+        report = verify(file, trials=trials, seed=seed, progress=True, threads=threads)
         print_report(report)
         return report.status
     with OutputFolder(out, overwrite, "verify") as folder:
-        report = verify(file, trials=trials, seed=seed, progress=True)
+        report = verify(file, trials=trials, seed=seed, progress=True, threads=threads)
         (folder.work / "verification.json").write_text(report.as_json(), encoding="utf-8")
         save(verification_figure(report), folder.work / "verification.png")
         folder.finish()

@@ -34,6 +34,7 @@ def prepare(
     trials: int | None = None,
     seed: int = 0,
     set: Sequence[str] | None = None,
+    threads: int = 1,
 ) -> tuple[ComparedStudy, Lineup]:
     """Return the study of a comparison, ready to run, and who takes part; arguments as in `compare`."""
     found = find(system, variant)
@@ -64,6 +65,7 @@ def prepare(
         estimators=chosen.names,
         trials=trials,
         seed=seed,
+        threads=threads,
         every=1 if recording else math.ceil(epochs / _EPOCHS),
         model=chosen.model,
     )
@@ -81,12 +83,13 @@ def compare(
     set: Sequence[str] | None = None,
     at: float | None = None,
     confidence: float = 0.95,
+    threads: int = 1,
 ) -> dict[str, Any]:
     """Run estimators side by side on one stream of measurements and compare them.
 
     Parameters
     ----------
-    system, variant, scenario, trials, seed, set
+    system, variant, scenario, trials, seed, set, threads
         As of `quietfix.diagrams.run_study`; at least 2 trials, unless it is a recording.
     estimators : sequence of str, optional
         See `line_up`; by default those of the scenario and those of `STANDARD` that the system takes.
@@ -106,7 +109,14 @@ def compare(
         For whatever cannot be run.
     """
     study, chosen = prepare(
-        system, variant=variant, scenario=scenario, estimators=estimators, trials=trials, seed=seed, set=set
+        system,
+        variant=variant,
+        scenario=scenario,
+        estimators=estimators,
+        trials=trials,
+        seed=seed,
+        set=set,
+        threads=threads,
     )
     dataset = join(list(study.chunks()))
     return comparison_statistics(dataset, study, chosen, at=at, confidence=confidence)

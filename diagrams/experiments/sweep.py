@@ -122,7 +122,7 @@ class Sweep:
 
     Parameters
     ----------
-    system, variant, scenario, estimators, trials, seed, set
+    system, variant, scenario, estimators, trials, seed, set, threads
         As of `quietfix.diagrams.run_study`; at least 2 trials.
     vary : str or Vary
         See `parse_vary`.
@@ -147,6 +147,7 @@ class Sweep:
         seed: int = 0,
         set: Sequence[str] | None = None,
         at: float | None = None,
+        threads: int = 1,
     ) -> None:
         self.vary = parse_vary(vary) if isinstance(vary, str) else vary
         if isinstance(trials, int) and trials == 1:
@@ -158,7 +159,7 @@ class Sweep:
         kind = _numeric_kind(base, self.vary.key)
         if kind is int and any(value != int(value) for value in self.vary.values):
             raise UserError(f"--vary: {self.vary.key} = {self.vary.values} is not allowed; whole numbers")
-        options: dict[str, Any] = {"estimators": estimators, "trials": trials, "seed": seed}
+        options: dict[str, Any] = {"estimators": estimators, "trials": trials, "seed": seed, "threads": threads}
         self._studies, self._at = [], at
         for value in self.vary.values:
             point = found.system.resolve(found.variant, scenario, [*settings, f"{self.vary.key}={kind(value)!r}"])

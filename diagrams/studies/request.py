@@ -13,10 +13,12 @@ from quietfix.diagrams.assembly.lineup import select_estimators
 from quietfix.diagrams.assembly.recorded import Recorded
 from quietfix.diagrams.schema.errors import UserError
 
-__all__ = ["KEEP", "Request", "check_numbers", "count_of", "estimators_of"]
+__all__ = ["KEEP", "Request", "check_numbers", "check_threads", "count_of", "estimators_of"]
 
 KEEP = ("estimates", "covariance", "measurements", "all")
 """What of each trial is kept; errors, NEES and NIS always are."""
+
+_MOST_THREADS = 256
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ class Request:
     keep: str
     every: int
     chunk: int | None
+    threads: int = 1
 
 
 def check_numbers(trials: int | None, first_trial: int, seed: int, every: int, chunk: int | None) -> None:
@@ -46,6 +49,16 @@ def check_numbers(trials: int | None, first_trial: int, seed: int, every: int, c
     ):
         if not isinstance(value, int | np.integer) or isinstance(value, bool) or not least <= value < 2**53:
             raise UserError(f"{what}: {value!r} is not allowed; a whole number from {least} to {2**53 - 1}")
+
+
+def check_threads(threads: int, trials: int) -> int:
+    """Return a number of threads; refuse one that is none, or more than the trials that they share."""
+    most = min(trials, _MOST_THREADS)
+    if not isinstance(threads, int | np.integer) or isinstance(threads, bool) or not 1 <= threads <= most:
+        allowed = "1" if most == 1 else f"a whole number from 1 to {most}"
+        why = "; they share the trials" if most == trials else ""
+        raise UserError(f"threads: {threads!r} is not allowed; {allowed}{why}")
+    return int(threads)
 
 
 def estimators_of(found: Found, scenario: Any, estimators: Sequence[str] | None) -> list[str]:

@@ -32,11 +32,12 @@ from quietfix.diagrams.statistics.bounds import StudyBounds
 from quietfix.diagrams.statistics.score import Score
 from quietfix.diagrams.studies.dataset import Shape, states_of
 from quietfix.diagrams.studies.described import described
-from quietfix.diagrams.studies.request import KEEP, Request, check_numbers, count_of, estimators_of
+from quietfix.diagrams.studies.request import KEEP, Request, check_numbers, check_threads, count_of, estimators_of
 from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
 from quietfix.diagrams.studies.runs import Run, padded, runs, simulate
 from quietfix.systems.clocks import Clock, Stepped, Times
 from quietfix.systems.integration import simulator_of
+from quietfix.systems.kernels.sharing import threads as shared_among
 from quietfix.systems.recorder import Recorder, record
 
 __all__ = ["Study"]
@@ -69,7 +70,7 @@ class Study:
 
     Parameters
     ----------
-    system, variant, scenario, estimators, trials, first_trial, seed, set, keep, every, chunk
+    system, variant, scenario, estimators, trials, first_trial, seed, set, keep, every, chunk, threads
         See `run_study`.
     model : Model, optional
         What the scenario declares, where that is known already.
@@ -98,6 +99,7 @@ class Study:
         keep: str = "estimates",
         every: int = 1,
         chunk: int | None = None,
+        threads: int = 1,
         model: Model | None = None,
     ) -> None:
         self.found = found = find(system, variant)
@@ -113,17 +115,19 @@ class Study:
         scenario.estimators = {key: scenario.estimators[key] for key in chosen}
         self.model = model or found.model(scenario)
         self.recorded = self.model.recorded
+        count = count_of(found, self.recorded, trials, int(first_trial))
         self.request = Request(
             found.reference,
             found.variant,
             scenario,
             chosen,
-            count_of(found, self.recorded, trials, int(first_trial)),
+            count,
             int(first_trial),
             int(seed),
             keep,
             int(every),
             chunk,
+            check_threads(threads, count),
         )
         # Two trials tell what each trial has of its own from what all share; in one both look alike.
         with self.blaming():
@@ -273,7 +277,10 @@ class Study:
                 times, signals, path = self._run(simulator, running, together, bar)
                 present = np.isfinite(path["sensed"].swapaxes(0, 1)[:size])
                 if bounds is not None:
-                    bounds.add(path["truth"].swapaxes(0, 1)[:size], states_of(path["platforms"], size), size, present)
+                    truth, platforms = path["truth"].swapaxes(0, 1)[:size], states_of(path["platforms"], size)
+                    with shared_among(request.threads):
+                        bounds.add(truth, platforms, size, present)
+                    del truth, platforms
                 chunk = self._shape.dataset(times, signals, begin, size).assign_attrs(self.attributes())
                 if recorded is not None and recorded.clocks:
                     chunk = chunk.assign_coords(track=("trial", np.array(recorded.tracks)[begin : begin + size]))
@@ -307,7 +314,8 @@ class Study:
             def tell(share: float, run: Run = run) -> None:
                 bar.update(run.done + running.width * share)
 
-            context = simulate(simulator, running.diagram, self.model, run, self.request.seed, tell)
+            with shared_among(self.request.threads):
+                context = simulate(simulator, running.diagram, self.model, run, self.request.seed, tell)
             logs.append([recorder.result(context) for recorder in running.recorders])
             del context
         if together[0].clock is not None:

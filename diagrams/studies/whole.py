@@ -27,6 +27,7 @@ def run_study(
     keep: str = "estimates",
     every: int = 1,
     chunk: int | None = None,
+    threads: int = 1,
     progress: bool = False,
 ) -> xr.Dataset:
     """Run a Monte Carlo study of several estimators side by side on one stream of measurements.
@@ -55,6 +56,8 @@ def run_study(
         Keep every so many epochs (and the last).
     chunk : int, optional
         Trials at once; bounds the memory and changes no number. By default what fits.
+    threads : int
+        Threads that share the trials of a chunk; changes no bit.
     progress : bool
         Show a progress bar on a terminal if it takes longer than a second.
 
@@ -87,6 +90,7 @@ def run_study(
         keep=keep,
         every=every,
         chunk=chunk,
+        threads=threads,
     )
     return join(list(study.chunks(progress)))
 

@@ -40,6 +40,8 @@ class GrowingStudy:
         Seed of all noise.
     progress : bool
         Show a progress bar.
+    threads : int
+        As of `quietfix.diagrams.run_study`.
 
     Raises
     ------
@@ -55,12 +57,13 @@ class GrowingStudy:
         looks: Sequence[int],
         seed: int,
         progress: bool = False,
+        threads: int = 1,
     ) -> None:
         self.requirements = [r for r in specification.requirements if r.case == case]
         self.looks = tuple(looks)
         self._progress = progress
         options = _options(specification, path, case, self.requirements)
-        self._study = Study(**options, trials=self.looks[-1], seed=seed)
+        self._study = Study(**options, trials=self.looks[-1], seed=seed, threads=threads)
         self.run = StudyFacts(self._study.probe)
         self.version = str(self._study.attributes()["version"])
         for i, requirement in enumerate(specification.requirements):

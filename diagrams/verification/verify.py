@@ -12,6 +12,7 @@ from quietfix.diagrams.assembly.source import beside
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.schema.origins import Origins
 from quietfix.diagrams.statistics.sequential import FAILS, UNDECIDED, WORDS, judge
+from quietfix.diagrams.studies.request import check_threads
 from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
 from quietfix.diagrams.verification.specification import Requirement, Specification, read_specification
 from quietfix.diagrams.verification.trials import GrowingStudy
@@ -171,6 +172,8 @@ class Verification:
         Instead of the file's.
     progress : bool
         Show a progress bar.
+    threads : int
+        As of `quietfix.diagrams.run_study`.
 
     Raises
     ------
@@ -179,7 +182,12 @@ class Verification:
     """
 
     def __init__(
-        self, path: Path | str, trials: int | None = None, seed: int | None = None, progress: bool = False
+        self,
+        path: Path | str,
+        trials: int | None = None,
+        seed: int | None = None,
+        progress: bool = False,
+        threads: int = 1,
     ) -> None:
         self.path = Path(path)
         self.specification = read_specification(self.path)
@@ -189,6 +197,7 @@ class Verification:
             raise UserError(f"--seed: {seed} is not allowed; a whole number >= 0")
         self.looks = self.specification.looks_at(trials)
         self.seed = self.specification.seed if seed is None else seed
+        self._threads = check_threads(threads, self.looks[-1])
         self._progress = progress
         self._studies: dict[str, GrowingStudy] = {}
 
@@ -208,7 +217,7 @@ class Verification:
             with beside(self.path.parent):
                 try:
                     self._studies[case] = GrowingStudy(
-                        self.specification, self.path, case, self.looks, self.seed, self._progress
+                        self.specification, self.path, case, self.looks, self.seed, self._progress, self._threads
                     )
                 except ValueError as error:  # a block says what is wrong with its arguments in the user's words
                     own = str(error).startswith("requirements.")
@@ -241,7 +250,9 @@ class Verification:
         )
 
 
-def verify(path: Path | str, *, trials: int | None = None, seed: int | None = None, progress: bool = False) -> Report:
+def verify(
+    path: Path | str, *, trials: int | None = None, seed: int | None = None, progress: bool = False, threads: int = 1
+) -> Report:
     """Judge all requirements of a file.
 
     Parameters
@@ -252,6 +263,8 @@ def verify(path: Path | str, *, trials: int | None = None, seed: int | None = No
         Trials at the last look and seed, instead of the file's.
     progress : bool
         Show a progress bar on a terminal.
+    threads : int
+        As of `quietfix.diagrams.run_study`.
 
     Returns
     -------
@@ -262,7 +275,7 @@ def verify(path: Path | str, *, trials: int | None = None, seed: int | None = No
     UserError
         For a mistake in the file, naming field, value and what is allowed.
     """
-    verification = Verification(path, trials, seed, progress)
+    verification = Verification(path, trials, seed, progress, threads)
     verification.build()
     findings = tuple(verification.judge(requirement) for requirement in verification.specification.requirements)
     made = verification

@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 
 from quietfix.systems.kernels.equations import Program
 from quietfix.systems.kernels.loading import ready
+from quietfix.systems.kernels.sharing import Parts, call
 from quietfix.systems.kernels.updating import fit, raised
 
 __all__ = ["linearized", "values"]
 
 Array = NDArray[np.float64]
+
+_OVER_AXES = Parts((0, 1, 4, 5), -1, each=0.5, unit=256, good=-1)
 
 
 def values(program: Program, target: Array, platforms: Array) -> Array:
@@ -43,7 +46,8 @@ def _evaluated(program: Program, target: Array, platforms: Array, derivatives: b
     states, seen = _two_axes(target, lead, 1), _two_axes(platforms, lead, 2)
     a, b = states.shape[:2]
     value, jacobian = np.empty((a, b, program.rows)), np.empty((a, b, program.rows if derivatives else 0, n))
-    code = ready("leading:over_axes")(states, seen, program.parts, program.parameters, value, jacobian)
+    arguments = states, seen, program.parts, program.parameters, value, jacobian
+    code = call(ready("leading:over_axes"), arguments, a, _OVER_AXES, b)
     if code >= 0:
         i, j = divmod(code >> 8, b)
         raised(program, code & 255, states[i, j], seen[min(i, len(seen) - 1), min(j, seen.shape[1] - 1)])

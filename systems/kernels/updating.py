@@ -9,12 +9,16 @@ from numpy.typing import NDArray
 
 from quietfix.systems.kernels.equations import Program, Step
 from quietfix.systems.kernels.loading import ready
+from quietfix.systems.kernels.sharing import Parts, call
 
 __all__ = ["NO_INPUT", "by_kernel", "by_matrix", "extended", "fail", "fit", "plain", "raised"]
 
 Array = NDArray[np.float64]
 
 NO_INPUT = np.zeros((1, 1, 1))
+_UPDATE = Parts((0, 1, 2, 3, 4, 12, 13, 14, 15, 16), 11, each=4.0, unit=4096)
+_BY_MATRIX = Parts((0, 1, 2, 3, 5, 6), 4, each=0.3)
+_BY_KERNEL = Parts((0, 1, 2, 7, 8), 6, each=3.0, unit=256, good=-1)
 _REASONS = {
     1: "the noise covariance must be finite in every row that is measured",
     2: "the noise covariance must be positive definite: rows are fully correlated",
@@ -72,7 +76,7 @@ def extended(
         noise = noise[None]
     states, spread, seen = plain(mean), plain(covariance), plain(platforms)
     out = np.empty((trials, n)), np.empty((trials, n, n)), np.empty((trials, m)), np.empty(trials), np.empty(trials)
-    code = ready("extended:update")(
+    arguments = (
         states,
         spread,
         plain(measurement),
@@ -87,6 +91,7 @@ def extended(
         np.empty(workspace(n, m, program.rows)),
         *out,
     )
+    code = call(ready("extended:update"), arguments, trials, _UPDATE)
     if code:
         fail(code, program, states, seen)
     return out
@@ -129,9 +134,9 @@ def by_matrix(mean: Array | None, covariance: Array, phi: Array, noise: Array) -
     n = spread.shape[-1]
     states = np.empty((0, n)) if mean is None else plain(mean)
     moved, out = np.empty(states.shape), np.empty(spread.shape)
-    ready("predicting:by_matrix")(
-        states, spread, plain(phi.reshape(-1, n, n)), plain(noise.reshape(-1, n, n)), np.empty((n, n)), moved, out
-    )
+    phis, noises = plain(phi.reshape(-1, n, n)), plain(noise.reshape(-1, n, n))
+    arguments = states, spread, phis, noises, np.empty((n, n)), moved, out
+    call(ready("predicting:by_matrix"), arguments, spread.shape[0], _BY_MATRIX)
     return moved, out
 
 
@@ -147,9 +152,8 @@ def by_kernel(mean: Array, covariance: Array, step: Step, held: Array | None) ->
     n = states.shape[-1]
     inputs = NO_INPUT if held is None else plain(held[..., None, :].reshape(-1, 1, held.shape[-1]))
     moved, out = np.empty(states.shape), np.empty(spread.shape)
-    code = ready("predicting:by_kernel")(
-        states, spread, inputs, step.parts, step.parameters, step.noise, np.empty((3, n, n)), moved, out
-    )
+    arguments = states, spread, inputs, step.parts, step.parameters, step.noise, np.empty((3, n, n)), moved, out
+    code = call(ready("predicting:by_kernel"), arguments, states.shape[0], _BY_KERNEL)
     if code >= 0:
         raise ValueError(f"motion: its kernel raised for a state {states[code >> 8].tolist()}")
     return moved, out

@@ -7,12 +7,16 @@ from numpy.typing import NDArray
 
 from quietfix.systems.kernels.equations import Program, Step
 from quietfix.systems.kernels.loading import ready
+from quietfix.systems.kernels.sharing import Parts, call
 from quietfix.systems.kernels.updating import NO_INPUT, fail, fit, plain
 
 __all__ = ["predicted", "updated"]
 
 Array = NDArray[np.float64]
 Weights = tuple[float, float, float]
+
+_UPDATE = Parts((0, 1, 2, 3, 4, 13, 14, 15, 16, 17), 12, each=6.0, unit=4096)
+_PREDICT = Parts((0, 1, 2, 10, 11), 9, each=6.0, unit=256, good=-1)
 
 
 def updated(
@@ -42,7 +46,7 @@ def updated(
         noise = noise[None]
     states, spread, seen = plain(mean), plain(covariance), plain(platforms)
     out = np.empty((trials, n)), np.empty((trials, n, n)), np.empty((trials, m)), np.empty(trials), np.empty(trials)
-    code = ready("unscented.update:update")(
+    arguments = (
         states,
         spread,
         plain(measurement),
@@ -56,6 +60,7 @@ def updated(
         np.empty(_workspace(n, m, program.rows)),
         *out,
     )
+    code = call(ready("unscented.update:update"), arguments, trials, _UPDATE)
     if code:
         fail(code, program, states, seen)
     return out
@@ -77,9 +82,9 @@ def predicted(mean: Array, covariance: Array, step: Step, held: Array | None, we
     n = states.shape[-1]
     inputs = NO_INPUT if held is None else plain(held[..., None, :].reshape(-1, 1, held.shape[-1]))
     moved, out = np.empty(states.shape), np.empty(spread.shape)
-    code = ready("unscented.prediction:predict")(
-        states, spread, inputs, step.parts, step.parameters, step.noise, *weights, np.empty((7, n, n)), moved, out
-    )
+    given = step.parts, step.parameters, step.noise
+    arguments = states, spread, inputs, *given, *weights, np.empty((7, n, n)), moved, out
+    code = call(ready("unscented.prediction:predict"), arguments, states.shape[0], _PREDICT)
     if code >= 0:
         raise ValueError(f"motion: its kernel raised for a state {states[code >> 8].tolist()}")
     return moved, out
