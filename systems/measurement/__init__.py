@@ -1,1 +1,1 @@
-"""Measurement models: what a sensor would read, and its Jacobian. Pure NumPy over leading axes."""
+"""Measurement models: what a sensor would read, and its Jacobian, over leading axes; the equations are kernels."""

@@ -33,7 +33,7 @@ def compare(size: Size) -> Section:
         ("trials", "peer", "microseconds: median (range)", "Stone Soup / this (range)", "threshold", "verdict"),
         judged=not size.tiny,
     )
-    for trials, threshold in ((recorded.trials, Threshold(40, True)), (1, Threshold(1, True))):
+    for trials, threshold in ((recorded.trials, Threshold(170, True)), (1, Threshold(25, True))):
         _add(section, recorded.first(trials), threshold, size)
     section.notes += [
         "One prediction and one update, on the same recorded measurements, with the same start, Q, R and stop rule "
