@@ -12,7 +12,7 @@ __all__ = ["Stopwatch"]
 
 
 class Stopwatch:
-    """Time spent in an estimator's own `first`, `predict`, `update` and `moments`.
+    """Time spent in an estimator's own `first`, `predict`, `update`, `step_at_once` and `moments`.
 
     Ports, caches, sensors and scores are not in it, nor blocks before the estimator. It is the processor time of this
     thread, so that other programs on the machine do not count.
@@ -30,7 +30,7 @@ class Stopwatch:
         Updates so far.
     """
 
-    watched = ("first", "predict", "update", "moments")
+    watched = ("first", "predict", "update", "step_at_once", "moments")
 
     def __init__(self, estimator: Estimator) -> None:
         self.seconds, self.steps = 0.0, 0
@@ -48,11 +48,13 @@ class Stopwatch:
                 return method(own(), *arguments)
             self._depth += 1
             began = time.thread_time()
+            result: Any = None
             try:
-                return method(own(), *arguments)
+                result = method(own(), *arguments)
+                return result
             finally:
                 self.seconds += time.thread_time() - began
-                self.steps += name == "update"
+                self.steps += name == "update" or (name == "step_at_once" and result is True)
                 self._depth -= 1
 
         return call

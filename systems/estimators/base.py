@@ -310,7 +310,7 @@ class Estimator(EnsembleBlock):
         if now <= stamp or same_instant(now, stamp) or state[self._started].tobytes() != self._all_begun:
             return None
         measurement = self.read(context, "measurement")[:, self._rows]
-        if not all_finite(measurement) or not self._step_at_once(
+        if not all_finite(measurement) or not self.step_at_once(
             state, now - stamp, measurement, self._read_platforms(context)
         ):
             return None
@@ -320,10 +320,10 @@ class Estimator(EnsembleBlock):
 
     @property
     def _steps_at_once(self) -> bool:
-        """Whether `_step_at_once` is worth a try."""
+        """Whether `step_at_once` is worth a try."""
         return False
 
-    def _step_at_once(self, state: Array, dt: float, measurement: Array, platforms: Array) -> bool:
+    def step_at_once(self, state: Array, dt: float, measurement: Array, platforms: Array) -> bool:
         """Make of the block's state, in place, that of `dt` seconds later with a measurement that is complete.
 
         Return False, whatever has become of the state, where the way by `predict` and `update` is to be gone.

@@ -114,8 +114,8 @@ class KalmanEstimator(Estimator):
             self._whole = plain and filters and moves and program(self.model) is not None
         return self._whole
 
-    def _step_at_once(self, state: Array, dt: float, measurement: Array, platforms: Array) -> bool:
-        """See `Estimator._step_at_once`."""
+    def step_at_once(self, state: Array, dt: float, measurement: Array, platforms: Array) -> bool:
+        """See `Estimator.step_at_once`."""
         compiled, algorithm = program(self.model), self.algorithm
         trials, n = measurement.shape[0], self.motion.size
         size = trials * n
