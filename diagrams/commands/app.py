@@ -11,18 +11,25 @@ from quietfix.diagrams.commands.arguments import (
     CHUNK,
     DATA,
     ESTIMATOR,
+    EVERY,
+    FIRST_TRIAL,
+    FROM,
+    KEEP,
     MEASUREMENTS,
     OVERWRITE,
     PLATFORMS,
     RATE,
     RECORDINGS,
     RESULTS,
+    RESUME,
+    RUN_SEED,
     SCENARIO,
     SEED,
     SET,
     SYSTEM,
     THREADS,
     TRIALS,
+    TRUST,
     TRUTH,
     TYPE,
     WRITE_MEASUREMENTS,
@@ -134,30 +141,19 @@ def run(
     system: Annotated[str | None, SYSTEM] = None,
     estimators: Annotated[list[str] | None, ESTIMATOR] = None,
     trials: Annotated[int | None, TRIALS] = None,
-    first_trial: Annotated[
-        int | None, typer.Option(parser=whole, metavar="N", help="Number of the first trial.  [default: 0]")
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(parser=whole, metavar="N", help="Seed of all noise.  [default: 0]")
-    ] = None,
+    first_trial: Annotated[int | None, FIRST_TRIAL] = None,
+    seed: Annotated[int | None, RUN_SEED] = None,
     settings: Annotated[list[str] | None, SET] = None,
     scenario: Annotated[Path | None, SCENARIO] = None,
-    from_: Annotated[
-        Path | None, typer.Option("--from", metavar="RESULT", help="Run an earlier result again from itself.")
-    ] = None,
-    keep: Annotated[
-        str | None, typer.Option(help="estimates, covariance, measurements or all.  [default: estimates]")
-    ] = None,
-    every: Annotated[
-        int | None, typer.Option(parser=whole, metavar="N", help="Keep every so many epochs.  [default: 1]")
-    ] = None,
+    from_: Annotated[Path | None, FROM] = None,
+    keep: Annotated[str | None, KEEP] = None,
+    every: Annotated[int | None, EVERY] = None,
     chunk: Annotated[int | None, CHUNK] = None,
     threads: Annotated[int, THREADS] = 1,
     out: Annotated[Path | None, RESULTS] = None,
+    resume: Annotated[Path | None, RESUME] = None,
     overwrite: Annotated[bool, OVERWRITE] = False,
-    trust: Annotated[
-        bool, typer.Option("--trust", help="With --from: import the system and the classes that the result names.")
-    ] = False,
+    trust: Annotated[bool, TRUST] = False,
     data: Annotated[list[Path] | None, DATA] = None,
     measurements: Annotated[Path | None, MEASUREMENTS] = None,
     truth: Annotated[Path | None, TRUTH] = None,
@@ -187,7 +183,7 @@ def run(
         "platforms": platforms,
         "write_measurements": write_measurements or None,
     }
-    run_command(system, {k: v for k, v in asked.items() if v is not None}, from_, out, overwrite, trust)
+    run_command(system, {k: v for k, v in asked.items() if v is not None}, from_, out, overwrite, trust, resume=resume)
 
 
 @app.command()

@@ -8,18 +8,25 @@ __all__ = [
     "CHUNK",
     "DATA",
     "ESTIMATOR",
+    "EVERY",
+    "FIRST_TRIAL",
+    "FROM",
+    "KEEP",
     "MEASUREMENTS",
     "OVERWRITE",
     "PLATFORMS",
     "RATE",
     "RECORDINGS",
     "RESULTS",
+    "RESUME",
+    "RUN_SEED",
     "SCENARIO",
     "SEED",
     "SET",
     "SYSTEM",
     "THREADS",
     "TRIALS",
+    "TRUST",
     "TRUTH",
     "TYPE",
     "WRITE_MEASUREMENTS",
@@ -89,6 +96,22 @@ def number(value: str) -> float:
 
 
 SEED = typer.Option(parser=whole, metavar="N", help="Seed of all noise.")
-CHUNK = typer.Option(parser=whole, metavar="N", help="Trials at once; changes no number.")
 THREADS = typer.Option(parser=whole, metavar="N", help="Threads that share the trials; changes no number.")
 TRIALS = typer.Option(parser=whole, metavar="N", help="Monte Carlo trials.  [default: 100; all tracks]")
+
+# of `quietfix run`, where --from and --resume give them other defaults
+FIRST_TRIAL = typer.Option(parser=whole, metavar="N", help="Number of the first trial.  [default: 0]")
+RUN_SEED = typer.Option(parser=whole, metavar="N", help="Seed of all noise.  [default: 0]")
+KEEP = typer.Option(help="estimates, covariance, measurements or all.  [default: estimates]")
+EVERY = typer.Option(parser=whole, metavar="N", help="Keep every so many epochs.  [default: 1]")
+CHUNK = typer.Option(
+    parser=whole, metavar="N", help="Trials at once; changes no trial's numbers, and sums over trials to rounding."
+)
+FROM = typer.Option("--from", metavar="RESULT", help="Run an earlier result again from itself.")
+RESUME = typer.Option(
+    "--resume",
+    metavar="DIR",
+    help="In place of --out: go on with the interrupted run of DIR, from its finished chunks in DIR.partial. What else "
+    "is given must be what that run was asked for.",
+)
+TRUST = typer.Option("--trust", help="With --from or --resume: import the system and the classes that are named there.")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from quietfix.diagrams.console.terminal import say
 from quietfix.diagrams.schema.errors import UserError, choose
-from quietfix.diagrams.studies.output import undisturbed
+from quietfix.diagrams.writers.whole_file import undisturbed
 
 __all__ = ["TEMPLATES", "new_command", "new_files"]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -19,15 +18,17 @@ from quietfix.diagrams.console.terminal import say
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.schema.origins import origins_of
 from quietfix.diagrams.statistics.epochs import along, from_the_end
-from quietfix.diagrams.studies.output import OutputFolder, written_beside
+from quietfix.diagrams.studies.output import Finished, OutputFolder
 from quietfix.diagrams.studies.recordings import only_simulated, with_data, with_measurements, with_platforms
-from quietfix.diagrams.studies.rerun import ask_again
+from quietfix.diagrams.studies.rerun import ask_again, ask_as
 from quietfix.diagrams.studies.results import open_result, write_summary
 from quietfix.diagrams.studies.starting import why_not_started
 
 if TYPE_CHECKING:
     from quietfix.diagrams.assembly.recorded import Report
+    from quietfix.diagrams.scale.resuming import Earlier
     from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.writers.whole_file import written_beside
 
 __all__ = ["draw_command", "gdop_command", "observe_command", "run_command"]
 
@@ -40,26 +41,35 @@ def run_command(
     overwrite: bool,
     trust: bool = False,
     progress: bool = True,
+    resume: Path | None = None,
 ) -> Report | None:
     """Run a study, print its table and write its folder; return what a recording tells; see ``quietfix run --help``."""
+    from quietfix.diagrams.scale.resuming import interrupted, run_into
     from quietfix.diagrams.statistics.metrics import summarise
     from quietfix.diagrams.studies.whole import join
 
     began = time.monotonic()
-    study, write = _asked_for(system, asked, from_, out, trust)
+    before = None if resume is None else interrupted(resume, system, out, from_)
+    if resume is not None:
+        out = resume if before is None else before.final
+    study, write = _asked_for(system, asked, from_, out, trust, before)
+    plan = study.plan(command="run", write_measurements=write)
+    if before is not None:
+        before.refuse_other(plan)
+        if before.finished and before.where == before.final:
+            print(f"{before.final} is finished: nothing is left to run")
+            return None
     if out is None:
         dataset = join(list(study.chunks(progress)))
         report = study.report(dataset)
         _print_all(dataset, summarise(dataset), report, study.recorded is not None)
         return report
-    with OutputFolder(out, overwrite, "run", reads=from_) as folder:
-        try:
-            for chunk in study.chunks(progress):
-                folder.append(chunk)
-        except KeyboardInterrupt:
-            _say_interrupted(folder, study.request.trials)
-            raise
-        dataset = open_result(folder.store)
+    try:
+        folder = OutputFolder(out, overwrite, "run", reads=from_, plan=plan, resume=resume is not None)
+    except Finished:
+        return None
+    with folder:
+        dataset = run_into(folder, study, study.parts(progress, numbers=folder.left))
         estimators = summarise(dataset)
         report = study.report(dataset)
         told = None if report is None else report.summary()
@@ -97,7 +107,12 @@ def _write_message(scenario: Any, folder: Path) -> None:
 
 
 def _asked_for(
-    system: str | None, asked: Mapping[str, Any], from_: Path | None, out: Path | None, trust: bool
+    system: str | None,
+    asked: Mapping[str, Any],
+    from_: Path | None,
+    out: Path | None,
+    trust: bool,
+    before: Earlier | None = None,
 ) -> tuple[Study, bool]:
     """Return the study that a command line asks for, and whether its measurements are written."""
     from quietfix.diagrams.studies.study import Study
@@ -107,10 +122,15 @@ def _asked_for(
     platforms = options.pop("platforms", None)
     write = options.pop("write_measurements", False)
     found: Found | str | None = system
-    if from_ is not None:
+    if before is not None and before.plan is not None:
+        options.setdefault("chunk", before.plan.chunk)
+    if before is not None and system is None:
+        found, options = ask_as(before.attributes, f"--resume: {before.where}", None, options, trust)
+        write = write or bool(before.attributes.get("write_measurements"))
+    elif from_ is not None:
         found, options = ask_again(from_, system, options, trust)
     elif trust:
-        raise UserError("--trust: it needs --from RESULT; what you name yourself is trusted")
+        raise UserError("--trust: it needs --from RESULT or --resume DIR; what you name yourself is trusted")
     if found is None:
         raise UserError(f"system: it is missing; a name that `quietfix list` prints, --from RESULT, {FORMS}")
     if data := options.pop("data", None):
@@ -161,12 +181,6 @@ def _print_all(dataset: xr.Dataset, estimators: Mapping[str, Any], report: Repor
             say(line)
         for further in getattr(report, "further", ()):
             _print_all(dataset, estimators, further, True)
-
-
-def _say_interrupted(folder: OutputFolder, trials: int) -> None:
-    if folder.chunks:
-        done = open_result(folder.store).sizes["trial"]
-        print(f"quietfix: {done} of {trials} trials are kept in {folder.partial}", file=sys.stderr)
 
 
 def _illustrate(dataset: xr.Dataset, study: Any, folder: Path) -> None:

@@ -40,6 +40,8 @@ __all__ = [
     "rows_present",
 ]
 
+_KINDS = ("bound", "bound_truth")
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -143,6 +145,15 @@ class BoundSums:
         self._sums = np.cumsum(parts, axis=-1)[..., -1]
         self._counts += np.count_nonzero(known, axis=-1)
 
+    @property
+    def parts(self) -> Array:
+        """Sums and counts, (2, 6, time); those of several can be added."""
+        return np.stack([self._sums, self._counts])
+
+    @parts.setter
+    def parts(self, parts: Array) -> None:
+        self._sums, self._counts = parts
+
     def curves(self) -> dict[str, Array]:
         """Return the bounds by quantity, each (time,): square root of the mean over the trials."""
         mean = self._sums / np.where(self._counts > 0, self._counts, np.nan)
@@ -205,10 +216,23 @@ class StudyBounds:
         count = trials or max(array.shape[0] for array in arrays)
         done: list[tuple[tuple[Any, ...], Array]] = []
         for name, estimator in self.wired.estimators.items():
-            for kind, motion in (("bound", estimator.motion), ("bound_truth", self.wired.model.truth_motion)):
+            for kind, motion in zip(_KINDS, (estimator.motion, self.wired.model.truth_motion), strict=True):
                 squares = self._squares(name, estimator, motion, truth, platforms, present, done)
                 sums = self._sums.setdefault((name, kind), BoundSums(self.times.size))
                 sums.add(squares, count)
+
+    def take(self) -> Array:
+        """Return the sums of what was added, (estimators, 2, 2, 6, time), and begin anew; sums can be added."""
+        taken = np.stack([[self._sums[name, kind].parts for kind in _KINDS] for name in self.wired.estimators])
+        self._sums = {}
+        return taken
+
+    def put(self, taken: Array) -> None:
+        """Go on from sums that `take` gave."""
+        for name, kinds in zip(self.wired.estimators, taken, strict=True):
+            for kind, parts in zip(_KINDS, kinds, strict=True):
+                self._sums[name, kind] = BoundSums(self.times.size)
+                self._sums[name, kind].parts = parts
 
     def _squares(
         self,
@@ -276,7 +300,7 @@ class StudyBounds:
         shown = {*self.wired.model.axes.quantities((*POSITION, *VELOCITY, *shared(("bias",), self._judged)))}
         found = {}
         names = list(self.wired.estimators)
-        for kind in ("bound", "bound_truth"):
+        for kind in _KINDS:
             curves = [self._sums[name, kind].curves() for name in names]
             for what in (quantity for quantity in QUANTITIES if quantity in shown):
                 found[f"{kind}_{what}"] = (("estimator", "time"), np.stack([curve[what] for curve in curves]))

@@ -15,11 +15,12 @@ import re
 import shutil
 import stat
 import warnings
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePosixPath
 
+from quietfix.diagrams.chunks.ledger import OWN
 from quietfix.diagrams.schema.errors import UserError
 
 __all__ = [
@@ -31,10 +32,12 @@ __all__ = [
     "Mark",
     "clear",
     "discard",
+    "fingerprint_of",
     "listing",
     "lock",
     "read_mark",
     "strangers",
+    "sweep_halves",
 ]
 
 MARKER = ".quietfix-result.json"
@@ -179,7 +182,7 @@ def listing(folder: Path) -> dict[str, str]:
     for name, path in _walk(folder):
         top, _, within = name.partition("/")
         if _STORE.fullmatch(name) or (top == MAKING and within):
-            found[within if top == MAKING else name] = _fingerprint(path)
+            found[within if top == MAKING else name] = fingerprint_of(path)
     return found
 
 
@@ -199,7 +202,7 @@ def strangers(folder: Path, mark: Mark) -> list[str]:
     folders = {f"{above.as_posix()}/" for name in mark.files or () for above in PurePosixPath(name).parents}
     for name, path in _walk(folder):
         top = name.partition("/")[0]
-        if _MARKERS.fullmatch(name) or top in (RESERVE, MAKING) or name == f"{REPLACED}/":
+        if _MARKERS.fullmatch(name) or OWN.fullmatch(name) or top in (RESERVE, MAKING) or name == f"{REPLACED}/":
             continue
         if top == REPLACED and earlier is not None:
             continue
@@ -210,7 +213,7 @@ def strangers(folder: Path, mark: Mark) -> list[str]:
             continue
         elif name not in mark.files:
             found.append(name)
-        elif mark.files[name] != _fingerprint(path):
+        elif mark.files[name] != fingerprint_of(path):
             found.append(f"{name}, which was changed")
     if earlier is not None:
         found += [f"{REPLACED}/{name}" for name in strangers(folder / REPLACED, earlier)]
@@ -232,13 +235,26 @@ def _walk(folder: Path) -> Iterator[tuple[str, Path]]:
             yield here.relative_to(folder).as_posix() + "/", here
 
 
-def _fingerprint(path: Path) -> str:
-    """Return size and hash of a file's beginning, or what else it is."""
-    found = path.lstat()
+def fingerprint_of(path: Path) -> str:
+    """Return size and hash of a file's beginning, or what else it is; nothing where it is not there."""
+    try:
+        found = path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return ""
     if not stat.S_ISREG(found.st_mode):
         return "folder" if stat.S_ISDIR(found.st_mode) else "link or device"
     with path.open("rb") as stream:
         return f"{found.st_size}:{hashlib.sha256(stream.read(_HASHED)).hexdigest()[:32]}"
+
+
+def sweep_halves(folder: Path) -> None:
+    """Remove what a kill has left half-written, or half-removed, in the store of an unfinished result."""
+    for name, path in _walk(folder):
+        if _STORE.fullmatch(name) and name.endswith(".partial"):
+            path.unlink()
+    for array in folder.glob("results.zarr/*/"):
+        if not (array / "zarr.json").exists():
+            shutil.rmtree(array)
 
 
 def discard(folder: Path) -> None:
@@ -248,10 +264,10 @@ def discard(folder: Path) -> None:
     folder.rmdir()
 
 
-def clear(folder: Path) -> None:
-    """Remove all but the marker from a folder."""
+def clear(folder: Path, keep: Collection[str] = ()) -> None:
+    """Remove all but the marker, and what is to be kept, from a folder."""
     for path in sorted(folder.iterdir()):
-        if path.name == MARKER:
+        if path.name == MARKER or path.name in keep:
             continue
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)

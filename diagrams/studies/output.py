@@ -1,21 +1,21 @@
-"""Folders and files that are written: under their final name only when all is there, and never over a user's own."""
+"""Folders that are written: under their final name only when all is there, and never over a user's own."""
 
 from __future__ import annotations
 
 import errno
 import os
-import signal
-import stat
 import sys
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import TracebackType
 
 import xarray as xr
 
+from quietfix.diagrams.chunks import ledger as record
+from quietfix.diagrams.chunks.ledger import CHUNKS, Ledger, read_plan
+from quietfix.diagrams.chunks.part import Part
+from quietfix.diagrams.chunks.plan import Plan
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.studies.marker import (
     MAKING,
@@ -26,38 +26,25 @@ from quietfix.diagrams.studies.marker import (
     Mark,
     clear,
     discard,
+    fingerprint_of,
     listing,
     lock,
     read_mark,
+    sweep_halves,
 )
 from quietfix.diagrams.studies.marker import strangers as find_strangers
-from quietfix.diagrams.studies.store import append, consolidate, cut
+from quietfix.diagrams.studies.store import add, consolidate, cut, files_of, write
+from quietfix.diagrams.writers.whole_file import undisturbed
 
-__all__ = ["OutputFolder", "undisturbed", "written_beside"]
+__all__ = ["Finished", "OutputFolder"]
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 _RESERVED = 256 << 10  # bytes
+_STORE = "results.zarr"
 
 
-@contextmanager
-def undisturbed() -> Iterator[None]:
-    """Hold Ctrl-C back until a write is finished, so that nothing on disk is half-written."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    pending = False
-
-    def note(number: int, frame: FrameType | None) -> None:
-        nonlocal pending
-        pending = True
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if pending:
-        raise KeyboardInterrupt
+class Finished(UserError):
+    """The run that is to be resumed was finished; its folder has its final name now."""
 
 
 class OutputFolder:
@@ -79,20 +66,32 @@ class OutputFolder:
         The command that writes, for the marker.
     reads : path, optional
         An earlier result that the run reads, which it must not remove.
+    plan : Plan, optional
+        What is asked for, of a run whose chunks are written by `write`.
+    resume : bool
+        Whether chunks that an interrupted run of the same plan has finished are kept.
 
     Raises
     ------
     UserError
-        If the folder exists (and is not an earlier result, or `overwrite` is not given), is a link, is the current
-        folder, lies in another result, is written by another run, or cannot be written.
+        If the run to be resumed has another plan; if the folder exists (and is not an earlier result, or `overwrite` is
+        not given), is a link, is the current folder, lies in another result, is written by another run, or cannot be
+        written.
     """
 
     def __init__(
-        self, folder: Path | str, overwrite: bool = False, kind: str = "run", reads: Path | str | None = None
+        self,
+        folder: Path | str,
+        overwrite: bool = False,
+        kind: str = "run",
+        reads: Path | str | None = None,
+        plan: Plan | None = None,
+        resume: bool = False,
     ) -> None:
         self.final = _plain(Path(folder))
         self.chunks = 0
-        self._size = 0
+        self._size, self._width, self._along = 0, 0, "trial"
+        self._resume = resume
         self._above: list[Path] = []
         self._kind, self._overwrite = kind, overwrite
         self._finished = False
@@ -100,6 +99,7 @@ class OutputFolder:
         try:
             self._check_place(self.final)
             self.partial = self.final.with_name(self.final.name + ".partial")
+            self.ledger = None if plan is None else Ledger(self.partial, plan)
             if reads is not None and _within(Path(reads), self.partial):
                 raise UserError(f"--from: {reads} is where --out {self.final} works; choose another folder")
             with undisturbed():
@@ -167,14 +167,28 @@ class OutputFolder:
             print(f"quietfix: {self.partial} was finished by an earlier run; it is {self.final} now", file=sys.stderr)
             self._release()
             found = None
+            if self._resume:
+                raise Finished(f"{self.final} is finished")
         self.check(self.final, self._overwrite)
         if found is None:
             self._make()
         else:
-            clear(self.partial)
+            self._keep_finished()
             self._remark(Mark(self._kind))
         (self.partial / MAKING).mkdir()
         (self.partial / RESERVE).write_bytes(os.urandom(_RESERVED))
+        if self.ledger is not None and not self.chunks:
+            self.ledger.begin()
+
+    def _keep_finished(self) -> None:
+        """Keep the finished chunks of an earlier run that is to be resumed; remove all else that it left."""
+        earlier = read_plan(self.partial) if self._resume and self.ledger is not None else None
+        if self.ledger is not None and earlier is not None:
+            earlier.refuse_other(self.ledger.plan)
+            self.ledger.check(lambda name: fingerprint_of(self.store / name))
+            self.chunks, self._size = len(self.ledger.finished()), len(self.ledger.places())
+        clear(self.partial, (CHUNKS, _STORE) if self.chunks else ())
+        sweep_halves(self.partial)
 
     def _take(self) -> Mark | None:
         """Lock what an earlier run left, and return its mark; None if there is nothing."""
@@ -221,26 +235,56 @@ class OutputFolder:
     @property
     def store(self) -> Path:
         """Where the Dataset goes."""
-        return self.partial / "results.zarr"
+        return self.partial / _STORE
 
     @property
     def work(self) -> Path:
         """Where all else goes: files that are written once."""
         return self.partial / MAKING
 
+    @property
+    def trials(self) -> int:
+        """How many trials are written."""
+        return self._size
+
+    @property
+    def left(self) -> frozenset[int]:
+        """Which chunks of the plan are not finished."""
+        return frozenset() if self.ledger is None else self.ledger.left()
+
     def append(self, chunk: xr.Dataset, along: str = "trial") -> None:
-        """Write one chunk of trials, or of what `along` names; one that cannot be written leaves no trace."""
+        """Write one chunk of trials, or of what `along` names, behind the others; one that fails leaves no trace."""
         with undisturbed():
+            size = self._size + chunk.sizes[along]
+            self._width = self._width or chunk.sizes[along]
             try:
-                append(self.store, chunk, along, self.chunks == 0)
+                write(self.store, chunk, along, self._size, size, self._width)
             except OSError:
                 if self.chunks:
                     (self.partial / RESERVE).unlink(missing_ok=True)
                     cut(self.store, chunk, along, self._size)
                 raise
-            self.chunks += 1
-            self._size += chunk.sizes[along]
-            self._along = along
+            self.chunks, self._size, self._along = self.chunks + 1, size, along
+
+    def write(self, part: Part) -> None:
+        """Write one chunk of the plan at its place; in any order. One that fails is not finished, and done again."""
+        assert self.ledger is not None
+        plan = self.ledger.plan
+        begin, end = plan.place(part.number)
+        with undisturbed():
+            try:
+                write(self.store, part.dataset, self._along, begin, plan.trials, plan.chunk)
+                names = files_of(self.store, self._along, begin, end)
+                self.ledger.record(part, {name: fingerprint_of(self.store / name) for name in names})
+            except OSError:
+                (self.partial / RESERVE).unlink(missing_ok=True)
+                raise
+            self.chunks, self._size = self.chunks + 1, self._size + end - begin
+
+    def add(self, variables: xr.Dataset) -> None:
+        """Write variables that are no chunk's."""
+        with undisturbed():
+            add(self.store, variables)
 
     # ---- ending
 
@@ -274,6 +318,7 @@ class OutputFolder:
     def _place(self) -> None:
         """Turn the finished ``partial`` into the final folder."""
         _gather(self.partial)
+        record.discard(self.partial)
         replaced = self.partial / REPLACED
         if read_mark(self.final) is not None:
             self.final.rename(replaced)
@@ -352,35 +397,3 @@ def _gather(folder: Path) -> None:
         for path in sorted(making.iterdir()):
             path.replace(folder / path.name)
         making.rmdir()
-
-
-@contextmanager
-def written_beside(path: Path) -> Iterator[Path]:
-    """Yield a name beside a file's, which takes the file's when it is written, or goes when that fails.
-
-    Raises
-    ------
-    UserError
-        If the name is taken by anything but a plain file that can be written, or cannot be written.
-    """
-    try:
-        if path.is_symlink():
-            raise UserError(f"--out: {path} is a link to {path.readlink()}; name a file itself")
-        if path.exists() and not path.is_file():
-            raise UserError(f"--out: {path} exists and is not a file")
-        if path.exists() and not path.stat().st_mode & 0o222:
-            raise UserError(f"--out: {path} is read-only; choose another file")
-        beside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-        descriptor = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-        os.close(descriptor)
-        try:
-            yield beside
-            with undisturbed():
-                if path.exists():
-                    beside.chmod(stat.S_IMODE(path.stat().st_mode))
-                beside.replace(path)
-        except BaseException:
-            beside.unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise UserError(f"--out: {path} cannot be written ({error.strerror or error})") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from quietfix.diagrams.assembly.lineup import select_estimators
 from quietfix.diagrams.assembly.recorded import Recorded
 from quietfix.diagrams.schema.errors import UserError
 
-__all__ = ["KEEP", "Request", "check_numbers", "check_threads", "count_of", "estimators_of"]
+__all__ = ["KEEP", "Request", "check_numbers", "check_threads", "count_of", "estimators_of", "quietfix_version"]
 
 KEEP = ("estimates", "covariance", "measurements", "all")
 """What of each trial is kept; errors, NEES and NIS always are."""
@@ -84,3 +85,11 @@ def count_of(found: Found, recorded: Recorded | None, trials: int | None, first:
             "and each is a trial"
         )
     return count
+
+
+def quietfix_version() -> str:
+    """Return the version of the package."""
+    try:
+        return version("quietfix")
+    except PackageNotFoundError:
+        return "not installed"

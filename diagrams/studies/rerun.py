@@ -20,7 +20,7 @@ from quietfix.diagrams.studies.result_schema import check_version, upgraded_scen
 from quietfix.diagrams.studies.results import find_store
 from quietfix.diagrams.studies.store import read_attributes
 
-__all__ = ["ask_again"]
+__all__ = ["ask_again", "ask_as"]
 
 _SOURCES = ("packaged", "installed", "module", "file", "yaml", "object")
 
@@ -44,17 +44,23 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
     UserError
         Naming the attribute, its value and what is allowed, or the class.
     """
-    from quietfix.diagrams.studies.request import KEEP
-
-    if "scenario" in asked:
-        raise UserError("--scenario: it cannot be combined with --from; use --set")
     store = find_store(path)
     if os.path.lexists(store.parent / MARKER) and read_mark(store.parent, "--from") is None:
         raise UserError(f"--from: {path}: its {MARKER} is damaged, or no marker of a result")
-    attributes = read_attributes(store)
-    version = check_version(attributes, f"--from: {path}")
+    return ask_as(read_attributes(store), f"--from: {path}", system, asked, trust)
+
+
+def ask_as(
+    attributes: Mapping[str, Any], path: str, system: str | None, asked: Mapping[str, Any], trust: bool
+) -> tuple[Found, dict[str, Any]]:
+    """Return the same from a result's attributes alone; `path`: option and place where they are, for messages."""
+    from quietfix.diagrams.studies.request import KEEP
+
+    if "scenario" in asked:
+        raise UserError(f"--scenario: it cannot be combined with {path.partition(':')[0]}; use --set")
+    version = check_version(attributes, path)
     if attributes.get("system_source") == "yaml" and isinstance(attributes.get("scenario"), str):
-        attributes = attributes | {"scenario": upgraded_scenario(attributes["scenario"], version)}
+        attributes = {**attributes, "scenario": upgraded_scenario(attributes["scenario"], version)}
     take = _Taker(path, attributes)
     take("version", _named, "text, the version of Quietfix that wrote it", str)
     found = _system_again(take, path, system, trust)
@@ -64,7 +70,9 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
         again[key] = take(key, _whole(key, least), f"a whole number >= {least}", int)
     again["keep"] = take("keep", lambda v: choose("keep", v, KEEP), "text", str)
     if system is not None and find(system).variant not in (None, variant):
-        raise UserError(f"system: {system} is not that of --from {path}, which is {found.of(variant).title}")
+        raise UserError(
+            f"system: {system} is not that of {path.replace(': ', ' ', 1)}, which is {found.of(variant).title}"
+        )
     files = take("system_files", _fingerprints, "text, paths and fingerprints as JSON", str, "{}")
     _say_changes(found, attributes.get("system_fingerprint", ""), path, files if isinstance(files, dict) else {})
     found = replace(found, variant=variant)
@@ -77,14 +85,14 @@ def ask_again(path: Path, system: str | None, asked: Mapping[str, Any], trust: b
     return found, again | options
 
 
-def _system_again(take: _Taker, path: Path, system: str | None, trust: bool) -> Found:
+def _system_again(take: _Taker, path: str, system: str | None, trust: bool) -> Found:
     """Return the system of a result, without a variant: what it names, or what the user names in its place."""
     source = take("system_source", lambda v: choose("system_source", v, _SOURCES), "text", str, "packaged")
     known = {"packaged": [*PACKAGED, *RECORDINGS], "installed": systems()}.get(source)
     name = take("system", lambda v: v if known is None else choose("system", v, known), "text", str)
     named = None if system is None else find(system)
     if named is not None and not _alike(named, name, source):
-        raise UserError(f"system: {system} is not that of --from {path}, which is {name}")
+        raise UserError(f"system: {system} is not that of {path.replace(': ', ' ', 1)}, which is {name}")
     if source == "packaged":
         return find(name)
     file = take("system_file", str, "text", str, "")
@@ -138,23 +146,31 @@ def _fingerprints(text: str) -> dict[str, str]:
     return found
 
 
-def _say_changes(found: Found, before: str, path: Path, files: Mapping[str, str]) -> None:
+def _say_changes(found: Found, before: str, path: str, files: Mapping[str, str]) -> None:
     """Say in a line each whether a system, and a file beside it, is not any more what it was when a result was made."""
     for name, how in changed(files, None if found.place is None else found.place.parent).items():
         used = ": it is used as it is now" if how == "has changed" else ""
-        warnings.warn(f"{name} {how} since {path} was made{used}", stacklevel=1)
+        warnings.warn(f"{name} {how} since {_place(path)} was made{used}", stacklevel=1)
     if found.fingerprint == before:
         return
     what = "has changed" if found.fingerprint else "is not there any more"
     # all of a system of YAML is in the result
     how = "in the result" if found.source == "yaml" else "now"
-    warnings.warn(f"{found.reference} {what} since {path} was made: it runs as it is {how}", stacklevel=1)
+    warnings.warn(f"{found.reference} {what} since {_place(path)} was made: it runs as it is {how}", stacklevel=1)
+
+
+def _named_place(path: str) -> str:
+    return path.replace(": ", " ", 1)
+
+
+def _place(path: str) -> str:
+    return path.partition(": ")[2]
 
 
 class _Taker:
     """Take attributes of a result one by one."""
 
-    def __init__(self, path: Path, attributes: Mapping[str, Any]) -> None:
+    def __init__(self, path: str, attributes: Mapping[str, Any]) -> None:
         self._path, self._attributes = path, attributes
 
     def __call__(self, key: str, check: Callable[[Any], Any], words: str, kind: type, default: Any = None) -> Any:
@@ -162,14 +178,14 @@ class _Taker:
         if key not in self._attributes and default is not None:
             return default
         if key not in self._attributes:
-            raise UserError(f"--from: {self._path}: {key}: it is missing; {words}")
+            raise UserError(f"{self._path}: {key}: it is missing; {words}")
         value = self._attributes[key]
         if type(value) is not kind:
-            raise UserError(f"--from: {self._path}: {key}: {value!r:.80} is not allowed; {words}")
+            raise UserError(f"{self._path}: {key}: {value!r:.80} is not allowed; {words}")
         try:
             return check(value)
         except UserError as error:
-            raise UserError(f"--from: {self._path}: {error}") from error
+            raise UserError(f"{self._path}: {error}") from error
 
 
 def _named(version: str) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from quietfix.diagrams.chunks.ledger import Ledger, read_plan
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION, check_version, upgraded
 from quietfix.diagrams.studies.store import check_store
@@ -36,6 +37,8 @@ def find_store(path: Path | str) -> Path:
 def open_result(path: Path | str) -> xr.Dataset:
     """Open a result by its folder or its ``results.zarr``; arrays are read when they are used.
 
+    Of the kept chunks of an interrupted run these trials are there, and no others.
+
     Raises
     ------
     UserError
@@ -49,7 +52,17 @@ def open_result(path: Path | str) -> xr.Dataset:
         raise
     except Exception as error:  # zarr and xarray raise a dozen kinds for a damaged store
         raise UserError(f"result: {store} cannot be read ({' '.join(str(error).split())})") from error
-    return upgraded(dataset, check_version(dataset.attrs, f"result: {store}"))
+    return _finished(store, upgraded(dataset, check_version(dataset.attrs, f"result: {store}")))
+
+
+def _finished(store: Path, dataset: xr.Dataset) -> xr.Dataset:
+    """Return what is finished of a result; of one that is being written all has its place, and some is empty."""
+    plan = read_plan(store.parent)
+    if plan is None or plan.trials != dataset.sizes.get("trial"):
+        return dataset
+    places = Ledger(store.parent, plan).places()
+    behind = np.array_equal(places, np.arange(places.size))
+    return dataset.isel(trial=slice(places.size) if behind else places)
 
 
 def write_summary(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,15 +11,18 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
+from quietfix.diagrams.assembly.build import Assembly
 from quietfix.diagrams.assembly.model import Model
-from quietfix.systems.clocks import Clock, Stepped
+from quietfix.systems.clocks import Clock, Stepped, Times
 from quietfix.systems.playback.tracks import play_track
+from quietfix.systems.recorder import Recorder
 from quietfix.systems.signals import Draw, set_draw
 
-__all__ = ["Run", "padded", "runs", "simulate"]
+__all__ = ["Run", "Running", "effort", "longest", "padded", "runs", "simulate", "size_of_chunk", "thinned"]
 
 Array = NDArray[np.float64]
 
+_OVERHEAD = 30  # trials: what a batch costs whatever its width
 _TOGETHER = 256  # tracks that are handed on at once: a chunk on disk costs as much as many short tracks
 
 
@@ -47,6 +51,21 @@ class Run:
     times: Array | None = None
 
 
+@dataclass(frozen=True)
+class Running:
+    """A diagram that is built for batches of a width, and what reads it."""
+
+    width: int
+    wired: Assembly
+    diagram: Diagram
+    recorders: Sequence[Recorder]
+
+
+def effort(count: int, width: int) -> int:
+    """Return what so many trials cost in batches of a width, in trials."""
+    return math.ceil(count / width) * (width + _OVERHEAD)
+
+
 def runs(model: Model, first: int, trials: int, width: int) -> Iterator[list[Run]]:
     """Yield the runs of a study, those together whose results make one chunk.
 
@@ -66,6 +85,29 @@ def runs(model: Model, first: int, trials: int, width: int) -> Iterator[list[Run
     every = [Run(k, first + k, 1, recorded.clocks[first + k], recorded.times[first + k]) for k in range(trials)]
     for begin in range(0, trials, _TOGETHER):
         yield every[begin : begin + _TOGETHER]
+
+
+def longest(model: Model, trials: int, first: int, every: int) -> int:
+    """Return how many epochs of a track are kept at most, of those that are run; 0: there are no tracks."""
+    if model.recorded is None or not model.recorded.clocks:
+        return 0
+    most = max(len(clock.ticks(math.inf)) for clock in model.recorded.clocks[first : first + trials])
+    return math.ceil((most - 1) / every) + 1
+
+
+def thinned(clock: Clock, duration: float, every: int) -> Clock:
+    """Return a clock of every so many ticks, and the last."""
+    if every == 1:
+        return clock
+    ticks = clock.ticks(duration)
+    kind = Stepped if isinstance(clock, Stepped) else Times
+    return kind(np.union1d(ticks[::every], ticks[-1:]))
+
+
+def size_of_chunk(model: Model, trials: int, width: int) -> int:
+    """Return how many trials of a study make one chunk; arguments as of `runs`."""
+    recorded = model.recorded
+    return width if recorded is None or not recorded.clocks else min(_TOGETHER, trials)
 
 
 def simulate(

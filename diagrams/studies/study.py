@@ -6,10 +6,9 @@ import dataclasses
 import json
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,8 @@ from quietfix.diagrams.assembly.find import Found, find
 from quietfix.diagrams.assembly.model import Model
 from quietfix.diagrams.assembly.recorded import Report
 from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.chunks.part import Part, added
+from quietfix.diagrams.chunks.plan import Plan
 from quietfix.diagrams.console.progress import Progress
 from quietfix.diagrams.schema.errors import UserError, choose, in_users_words
 from quietfix.diagrams.schema.origins import origins_of
@@ -32,37 +33,28 @@ from quietfix.diagrams.statistics.bounds import StudyBounds
 from quietfix.diagrams.statistics.score import Score
 from quietfix.diagrams.studies.dataset import Shape, states_of
 from quietfix.diagrams.studies.described import described
-from quietfix.diagrams.studies.request import KEEP, Request, check_numbers, check_threads, count_of, estimators_of
+from quietfix.diagrams.studies.request import (
+    KEEP,
+    Request,
+    check_numbers,
+    check_threads,
+    count_of,
+    estimators_of,
+    quietfix_version,
+)
 from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
-from quietfix.diagrams.studies.runs import Run, padded, runs, simulate
-from quietfix.systems.clocks import Clock, Stepped, Times
+from quietfix.diagrams.studies.runs import Run, Running, effort, longest, padded, runs, simulate, size_of_chunk, thinned
 from quietfix.systems.integration import simulator_of
 from quietfix.systems.kernels.sharing import threads as shared_among
-from quietfix.systems.recorder import Recorder, record
+from quietfix.systems.recorder import record
 
 __all__ = ["Study"]
 
 Array = NDArray[np.float64]
 
 _CHUNK_BYTES = 1e8  # of recorded signals; a log, its stacked copy and the Dataset stand beside each other
-_OVERHEAD = 30  # trials: what a batch costs whatever its width
 _WORTH = 1.1  # a diagram that was built is used again unless the run would cost more than this many times as much
 _LARGEST_CHUNK = 2000  # trials; wider arrays leave the processor's cache and gain nothing
-
-
-@dataclasses.dataclass(frozen=True)
-class _Running:
-    """A diagram that is built, and what reads it."""
-
-    width: int
-    wired: Assembly
-    diagram: Diagram
-    recorders: Sequence[Recorder]
-
-
-def _effort(count: int, width: int) -> int:
-    """Return what so many trials cost in batches of a width, in trials."""
-    return math.ceil(count / width) * (width + _OVERHEAD)
 
 
 class Study:
@@ -137,10 +129,10 @@ class Study:
             self._shape = Shape(self.probe, self._keeps, shared)
             self._floats = sum(size for _, size in shapes.values())
             self._truth_names = self.probe.truth_names
-            self._epochs = self._longest()
+            self._epochs = longest(self.model, count, int(first_trial), int(every))
             self._asked_chunk = chunk
             self.chunk = self._width(self.request.trials)
-        self._running: _Running | None = None
+        self._running: Running | None = None
 
     def _width(self, count: int) -> int:
         """Return how many of so many trials to run at once, so that the memory of a chunk is bounded."""
@@ -152,15 +144,6 @@ class Study:
         fits = max(1, min(count, self.model.widest or _LARGEST_CHUNK, int(_CHUNK_BYTES / (8 * self._floats * ticks))))
         # Chunks of equal width: the last one runs full and is cut, which wastes up to a whole chunk.
         return math.ceil(count / math.ceil(count / fits))
-
-    def _longest(self) -> int:
-        """Return how many epochs of a track are kept at most, of those that are run."""
-        if self.recorded is None or not self.recorded.clocks:
-            return 0
-        request = self.request
-        chosen = self.recorded.clocks[request.first_trial : request.first_trial + request.trials]
-        most = max(len(clock.ticks(math.inf)) for clock in chosen)
-        return math.ceil((most - 1) / request.every) + 1
 
     # ---- building
 
@@ -231,13 +214,6 @@ class Study:
         asked = self.request.keep in ("all", *levels.get(what, ("measurements",)))
         return asked or (self.recorded is not None and what in self.recorded.keeps)
 
-    def _record_clock(self, clock: Clock, duration: float) -> Clock:
-        if self.request.every == 1 or self._epochs:
-            return clock
-        ticks = clock.ticks(duration)
-        kind = Stepped if isinstance(clock, Stepped) else Times
-        return kind(np.union1d(ticks[:: self.request.every], ticks[-1:]))
-
     # ---- running
 
     def chunks(self, progress: bool = False, first: int = 0, count: int | None = None) -> Iterator[xr.Dataset]:
@@ -255,25 +231,48 @@ class Study:
         xarray.Dataset
             A chunk of trials; the last one carries the bounds of those that were run.
         """
-        made = self._chunks(progress, first, self.request.trials - first if count is None else count)
-        while True:
-            with self.blaming():
-                chunk = next(made, None)
-            if chunk is None:
-                return
-            yield chunk
+        trials = self.request.trials - first if count is None else count
+        total: Array | None = None
+        for part in self.parts(progress, first, trials):
+            total, chunk, last = added((total, part.sums)), part.dataset, part.end == trials
+            del part  # a generator keeps its variables while it waits and while the next chunk runs
+            yield described(chunk.assign(self.bounds(total, chunk["time"].values))) if last else chunk
             del chunk
 
-    def _chunks(self, progress: bool, first: int, trials: int) -> Iterator[xr.Dataset]:
+    def parts(
+        self, progress: bool = False, first: int = 0, count: int | None = None, numbers: Collection[int] | None = None
+    ) -> Iterator[Part]:
+        """Run the study and yield its chunks, which do not know of each other.
+
+        Parameters
+        ----------
+        progress, first, count
+            As of `chunks`.
+        numbers : collection of int, optional
+            Which chunks are run, by default all.
+        """
+        made = self._parts(progress, first, self.request.trials - first if count is None else count, numbers)
+        while True:
+            with self.blaming():
+                part = next(made, None)
+            if part is None:
+                return
+            yield part
+            del part
+
+    def _parts(self, progress: bool, first: int, trials: int, numbers: Collection[int] | None) -> Iterator[Part]:
+        if numbers is not None and not numbers:
+            return
         request, recorded = self.request, self.recorded
         running = self._diagram_for(trials)
         wired, width = running.wired, running.width
         simulator = simulator_of(running.diagram, step=self.model.step)
-        bounds = StudyBounds(wired, wired.clock.ticks(wired.duration)) if recorded is None or recorded.bounds else None
+        bounds = self._bounds(wired)
         with Progress(f"{self.system.name}, {trials} trials", trials, progress) as bar:
-            for together in runs(self.model, request.first_trial + first, trials, width):
+            for number, together in enumerate(runs(self.model, request.first_trial + first, trials, width)):
+                if numbers is not None and number not in numbers:
+                    continue
                 begin, size = together[0].first, sum(run.size for run in together)
-                done = together[0].done + size
                 times, signals, path = self._run(simulator, running, together, bar)
                 present = np.isfinite(path["sensed"].swapaxes(0, 1)[:size])
                 if bounds is not None:
@@ -284,17 +283,35 @@ class Study:
                 chunk = self._shape.dataset(times, signals, begin, size).assign_attrs(self.attributes())
                 if recorded is not None and recorded.clocks:
                     chunk = chunk.assign_coords(track=("trial", np.array(recorded.tracks)[begin : begin + size]))
-                if done == size:
+                if number == 0:
                     self._say_unmeasured(wired, present)
                 rows = np.broadcast_to(present.sum(axis=-1).max(axis=-1), size)
                 chunk = chunk.assign_coords(measured_rows=("trial", rows, {"rows": present.shape[-1]}))
-                if done == trials and bounds is not None:
-                    kept = np.isin(bounds.times, times)
-                    chunk = chunk.assign({name: (dims, v[:, kept]) for name, (dims, v) in bounds.variables().items()})
                 # a generator keeps its variables while it waits and while the next chunk runs
                 del signals, path, present, rows
-                yield described(chunk)
+                yield Part(number, together[0].done, described(chunk), None if bounds is None else bounds.take())
                 del chunk
+
+    def _bounds(self, wired: Assembly) -> StudyBounds | None:
+        """Return what sums the bounds of a diagram, if it has any."""
+        if self.recorded is not None and not self.recorded.bounds:
+            return None
+        return StudyBounds(wired, wired.clock.ticks(wired.duration))
+
+    def bounds(self, sums: Array | None, times: Array) -> dict[str, Any]:
+        """Return the bounds of a study as variables, from the sums of its parts, at the epochs that are kept."""
+        bounds = self._bounds(self.probe)
+        if bounds is None or sums is None:
+            return {}
+        bounds.put(sums)
+        kept = np.isin(bounds.times, times)
+        return {name: (dims, values[:, kept]) for name, (dims, values) in bounds.variables().items()}
+
+    def plan(self, **also: Any) -> Plan:
+        """Return what is asked for, and `also` that: a run of the same plan can go on with what is finished."""
+        trials = self.request.trials
+        chunk = size_of_chunk(self.model, trials, min(self.chunk, trials))
+        return Plan({**self.attributes(), **also}, trials, chunk)
 
     def _say_unmeasured(self, wired: Assembly, present: NDArray[np.bool_]) -> None:
         """Say of a user's system which rows are not in the measurements of the first chunk (trials, time, rows)."""
@@ -305,7 +322,7 @@ class Study:
             warnings.warn(f"{', '.join(never)}: never measured in this run (NaN at all epochs)", stacklevel=1)
 
     def _run(
-        self, simulator: Simulator, running: _Running, together: Sequence[Run], bar: Progress
+        self, simulator: Simulator, running: Running, together: Sequence[Run], bar: Progress
     ) -> tuple[Array, dict[str, Array], dict[str, Array]]:
         """Return times, signals, and what the bounds read at all epochs, of the runs of a chunk."""
         logs = []
@@ -324,17 +341,19 @@ class Study:
         (times, signals), path = logs[0][0], logs[0][-1][1]
         return times, signals, path
 
-    def _diagram_for(self, count: int) -> _Running:
+    def _diagram_for(self, count: int) -> Running:
         """Return the diagram that runs so many trials: the one that is there, unless another is much cheaper."""
         width = min(self._width(count), count)
-        if self._running is None or _effort(count, self._running.width) > _WORTH * _effort(count, width):
+        if self._running is None or effort(count, self._running.width) > _WORTH * effort(count, width):
             wired, builder, scores = self.wire(width)
-            recorder = record(builder, self._signals(wired, scores)[0], self._record_clock(wired.clock, wired.duration))
+            every = 1 if self._epochs else self.request.every
+            clock = thinned(wired.clock, wired.duration, every)
+            recorder = record(builder, self._signals(wired, scores)[0], clock)
             recorders = [recorder]
             if self.request.every > 1 and not self._epochs:
                 # The bound's recursion needs every epoch, also those that are not kept.
                 recorders.append(record(builder, wired.course, wired.clock, "course"))
-            self._running = _Running(width, wired, wired.finish(), recorders)
+            self._running = Running(width, wired, wired.finish(), recorders)
         return self._running
 
     @contextmanager
@@ -369,17 +388,10 @@ class Study:
             **({} if self.recorded is None else {"tracks": len(self.recorded.tracks)}),
             "keep": request.keep,
             "every": request.every,
-            "version": _version(),
+            "version": quietfix_version(),
             "frame": wired.model.axes.name,
             "note": wired.note,
             "divergence_m": wired.model.divergence,
             "scenario": dump(request.scenario, comments=False),
             **({} if wired.model.convergence is None else {"convergence_m": wired.model.convergence}),
         }
-
-
-def _version() -> str:
-    try:
-        return version("quietfix")
-    except PackageNotFoundError:
-        return "not installed"

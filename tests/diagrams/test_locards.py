@@ -23,7 +23,7 @@ from quietfix.diagrams.statistics.state_errors import errors
 from quietfix.diagrams.studies import runs
 from quietfix.diagrams.studies.marker import MARKER
 from quietfix.diagrams.studies.results import open_result
-from quietfix.diagrams.studies.store import append
+from quietfix.diagrams.studies.store import write
 from quietfix.diagrams.studies.study import Study
 from quietfix.diagrams.studies.whole import join
 from quietfix.systems.constants import SPEED_OF_LIGHT
@@ -232,7 +232,7 @@ def test_chunks_of_tracks_can_be_stored_one_behind_the_other(simulated, tmp_path
     chunks = list(study_of(data.tracks, Settings()).chunks())
     assert len(chunks) == 3
     for i, chunk in enumerate(chunks):
-        append(tmp_path / "results.zarr", chunk, "trial", i == 0)
+        write(tmp_path / "results.zarr", chunk, "trial", i, len(chunks), 1)
     stored = open_result(tmp_path / "results.zarr")
     for name in ("estimate", "time", "track", "excluded_iekf"):
         np.testing.assert_array_equal(stored[name].values, whole[name].values)

@@ -17,7 +17,7 @@ from quietfix.diagrams.statistics.epochs import from_the_end
 from quietfix.diagrams.statistics.state_errors import errors
 from quietfix.diagrams.studies.rerun import ask_again
 from quietfix.diagrams.studies.results import open_result
-from quietfix.diagrams.studies.store import append
+from quietfix.diagrams.studies.store import write
 from quietfix.diagrams.studies.study import Study
 from quietfix.diagrams.studies.whole import join
 
@@ -79,7 +79,7 @@ def test_a_recording_that_has_changed_is_told(recorded, tmp_path):
     (folder / "set_5.csv").write_text("\n".join(text) + "\n")
     settings = [f"data={folder}"]
     result = join(list(Study("locards", set=settings, estimators=["iekf"]).chunks()))
-    append(tmp_path / "results.zarr", result, "trial", True)
+    write(tmp_path / "results.zarr", result, "trial", 0, result.sizes["trial"], result.sizes["trial"])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found, options = ask_again(tmp_path / "results.zarr", None, {"set": ["gap_s=1"]}, False)

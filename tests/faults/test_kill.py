@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import warnings
+from types import SimpleNamespace
 
 import pytest
 
@@ -116,7 +117,7 @@ def test_a_kill_at_every_change_on_disk_leaves_the_old_or_the_new_result(folder,
 
 def test_a_kill_between_the_two_renames_loses_nothing(folder, capsys, monkeypatch):
     write_result(folder / "d")
-    monkeypatch.setattr(ShortStudy, "chunks", lambda self, progress=False: iter([chunk(0, 3)]))
+    monkeypatch.setattr(ShortStudy, "request", SimpleNamespace(trials=3, system="three_satellite"))
 
     def work():
         def hook(event, arguments):
@@ -273,8 +274,11 @@ def test_a_full_disk_is_one_line_and_keeps_finished_chunks(tmp_path, monkeypatch
     try:
         shorten(monkeypatch)
         monkeypatch.chdir(disk)
-        grown = (chunk(k, 1).assign(noise=(["trial", "time"], random_row(k))) for k in range(1000))
-        monkeypatch.setattr(ShortStudy, "chunks", lambda self, progress=False: grown)
+        monkeypatch.setattr(ShortStudy, "request", SimpleNamespace(trials=1000, system="three_satellite"))
+        monkeypatch.setattr(ShortStudy, "size", 1)
+        monkeypatch.setattr(
+            ShortStudy, "chunk", lambda self, k, n: chunk(k, n).assign(noise=(["trial", "time"], random_row(k)))
+        )
         assert quietfix("run", "three_satellite", "--out", "d") == 2
         err = capsys.readouterr().err
         assert "No space left on device" in err and "trials are kept in d.partial" in err and err.count("\n") == 1

@@ -13,6 +13,8 @@ import pytest
 import typer.main
 import xarray as xr
 
+from quietfix.diagrams.chunks.part import Part
+from quietfix.diagrams.chunks.plan import Plan
 from quietfix.diagrams.commands import command_line, running
 from quietfix.diagrams.studies.output import OutputFolder
 
@@ -56,10 +58,30 @@ class ShortStudy:
     def report(self, dataset):
         """Tell nothing: it is no recording."""
 
-    def chunks(self, progress=False):
-        """Yield two chunks."""
-        yield chunk(0, 2)
-        yield chunk(2, 2)
+    size = 2
+
+    def plan(self, **also):
+        """Return what is asked for: two chunks."""
+        return Plan({**chunk(0, 1).attrs, **also}, self.request.trials, self.size)
+
+    def parts(self, progress=False, numbers=None):
+        """Yield them."""
+        for number in range(self.plan().chunks):
+            if numbers is None or number in numbers:
+                begin, end = self.plan().place(number)
+                yield Part(number, begin, self.chunk(begin, end - begin), np.full(3, 1.0 / (number + 3)))
+
+    def chunk(self, begin, count):
+        """Return a chunk."""
+        return chunk(begin, count)
+
+    def bounds(self, sums, times):
+        """Return the sum of the chunks' part of it."""
+        return {"bound_sum": ("time", sums)}
+
+    def attributes(self):
+        """Return what all chunks say."""
+        return chunk(0, 1).attrs
 
 
 def draw(diagram, path, **options):
@@ -102,8 +124,8 @@ def quietfix(*arguments):
 def write_result(folder):
     """Write an earlier result."""
     with OutputFolder(folder) as output:
-        for part in ShortStudy("").chunks():
-            output.append(part)
+        for part in ShortStudy("").parts():
+            output.append(part.dataset)
         (output.work / "summary.json").write_text("{}")
         (output.work / "nees.png").write_bytes(b"png")
         output.finish()

@@ -1,0 +1,1 @@
+"""What a long study is cut into, and the record of its finished chunks, by which a run that was killed goes on."""

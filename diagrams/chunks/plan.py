@@ -1,0 +1,104 @@
+"""What an interrupted run was asked for, and whether a later one is asked for the same."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.scenario import read_yaml
+
+__all__ = ["Plan"]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run is asked for, and how it is cut.
+
+    Attributes
+    ----------
+    asked : dict
+        The attributes of its result, and what else was asked for; numbers and text.
+    trials : int
+        How many trials, or whatever it is cut along, there are.
+    chunk : int
+        How many of them are one chunk; the last one may be smaller.
+    """
+
+    asked: dict[str, Any]
+    trials: int
+    chunk: int
+
+    @property
+    def chunks(self) -> int:
+        """How many chunks there are."""
+        return -(-self.trials // self.chunk)
+
+    def place(self, number: int) -> tuple[int, int]:
+        """Return where a chunk begins and where it ends."""
+        begin = number * self.chunk
+        return begin, min(begin + self.chunk, self.trials)
+
+    def text(self) -> str:
+        """Return it as JSON."""
+        return json.dumps(asdict(self), indent=1)
+
+    @classmethod
+    def read(cls, text: str) -> Plan:
+        """Return what `text` wrote.
+
+        Raises
+        ------
+        ValueError
+            If it is something else.
+        """
+        found = json.loads(text)
+        if not isinstance(found, dict) or set(found) != {"asked", "trials", "chunk"}:
+            raise ValueError("it is no plan")
+        sizes = found["trials"], found["chunk"]
+        if not isinstance(found["asked"], dict) or not all(type(size) is int and size > 0 for size in sizes):
+            raise ValueError("it is no plan")
+        return cls(found["asked"], *sizes)
+
+    def refuse_other(self, other: Plan) -> None:
+        """Refuse to go on with another run than this one.
+
+        Raises
+        ------
+        UserError
+            Naming the first field that differs, its value here and there.
+        """
+        mine, its = ({"trials": plan.trials, **plan.asked, "chunk": plan.chunk} for plan in (self, other))
+        for key, was, now in _differences(mine, its):
+            raise UserError(f"--resume: {key}: {now} is not allowed; the run that was interrupted has {was}")
+
+
+_NONE = object()
+
+
+def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Yield the names of the fields that differ, and both values."""
+    for key in [*before, *(key for key in after if key not in before)]:
+        was, now = before.get(key, _NONE), after.get(key, _NONE)
+        if was == now:
+            continue
+        if key == "scenario" and isinstance(was, str) and isinstance(now, str):
+            yield from _within("", read_yaml(was), read_yaml(now))
+        yield key, _shown(was), _shown(now)
+
+
+def _within(path: str, was: Any, now: Any) -> Iterator[tuple[str, str, str]]:
+    """Yield the same of two scenarios, by dotted keys."""
+    if isinstance(was, Mapping) and isinstance(now, Mapping):
+        for key in [*was, *(key for key in now if key not in was)]:
+            yield from _within(f"{path}.{key}" if path else str(key), was.get(key, _NONE), now.get(key, _NONE))
+    elif was is not now and was != now:
+        yield path, _shown(was), _shown(now)
+
+
+def _shown(value: Any) -> str:
+    if value is _NONE:
+        return "nothing"
+    return repr(value) if len(repr(value)) <= 80 else repr(value)[:77] + "..."

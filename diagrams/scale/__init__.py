@@ -1,0 +1,1 @@
+"""Long studies as commands run them: from where an interrupted run has come to, and by several processes."""

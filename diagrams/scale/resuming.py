@@ -1,0 +1,139 @@
+"""Runs that write their chunks as they come, and go on from those that an interrupted run has finished."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from quietfix.diagrams.chunks.ledger import read_plan
+from quietfix.diagrams.chunks.part import Part, added
+from quietfix.diagrams.chunks.plan import Plan
+from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.studies.described import described
+from quietfix.diagrams.studies.marker import read_mark
+from quietfix.diagrams.studies.output import OutputFolder
+from quietfix.diagrams.studies.results import open_result
+from quietfix.diagrams.studies.store import read_attributes
+from quietfix.diagrams.studies.study import Study
+
+__all__ = ["Earlier", "earlier", "interrupted", "run_into", "say_interrupted"]
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """A run that is to be resumed.
+
+    Attributes
+    ----------
+    final : Path
+        Name of its folder when it is finished.
+    where : Path
+        Where it is now.
+    attributes : dict
+        What it was asked for, as a result says it.
+    plan : Plan, optional
+        The same, and how it is cut, as long as it is not finished.
+    finished : bool
+        Whether nothing is left of it but a name at most.
+    """
+
+    final: Path
+    where: Path
+    attributes: dict[str, Any]
+    plan: Plan | None
+    finished: bool
+
+    def refuse_other(self, plan: Plan) -> None:
+        """Refuse to go on with another run; see `Plan.refuse_other`."""
+        if self.plan is not None:
+            self.plan.refuse_other(plan)
+            return
+        asked = {key: value for key, value in plan.asked.items() if key in self.attributes}
+        Plan(self.attributes, plan.trials, plan.chunk).refuse_other(Plan(asked, plan.trials, plan.chunk))
+
+
+def earlier(folder: Path) -> Earlier | None:
+    """Return the run of a folder's name, which may be interrupted or finished; None if there is none.
+
+    Parameters
+    ----------
+    folder : Path
+        Its final name, or that of its unfinished work.
+    """
+    final = folder.with_name(folder.name.removesuffix(".partial"))
+    partial = final.with_name(f"{final.name}.partial")
+    for where in (partial, final):
+        mark = None if where.is_symlink() else read_mark(where, "--resume")
+        plan = None if mark is None or where == final else read_plan(where)
+        if mark is not None and mark.finished and (where / "results.zarr").is_dir():
+            return Earlier(final, where, read_attributes(where / "results.zarr"), None, True)
+        if plan is not None:
+            return Earlier(final, where, plan.asked, plan, False)
+    return None
+
+
+def interrupted(folder: Path, system: str | None, out: Path | None, from_: Path | None) -> Earlier | None:
+    """Return the run that ``--resume`` names; None: there is none, but what is asked for can be begun.
+
+    Raises
+    ------
+    UserError
+        If there is none, and nothing is asked for; or for options that make no sense with it.
+    """
+    for option, value in (("--out", out), ("--from", from_)):
+        if value is not None:
+            raise UserError(f"{option}: {value} is not allowed with --resume {folder}, which says where the run is")
+    found = earlier(folder)
+    if found is None and system is None:
+        raise UserError(
+            f"--resume: {folder} is not allowed; the folder of a run that was interrupted and has finished chunks, in "
+            f"{folder.name}.partial, or name the system as well to begin one"
+        )
+    return found
+
+
+def run_into(folder: OutputFolder, study: Study, parts: Iterable[Part]) -> xr.Dataset:
+    """Write a study into a folder, chunk by chunk.
+
+    Parameters
+    ----------
+    folder : OutputFolder
+        With the plan of the study; it may hold chunks that an interrupted run has finished.
+    study : Study
+    parts : iterable of Part
+        All other chunks, in any order.
+
+    Returns
+    -------
+    xarray.Dataset
+        The result; arrays are read when they are used.
+    """
+    assert folder.ledger is not None
+    plan = folder.ledger.plan
+    if folder.chunks:
+        say(f"{plan.trials - folder.trials} of {plan.trials} trials are left to run")
+    try:
+        for part in parts:
+            folder.write(part)
+            del part
+    except KeyboardInterrupt:
+        say_interrupted(folder)
+        raise
+    times = open_result(folder.store)["time"].values
+    bounds = study.bounds(added(folder.ledger.sums()), times)
+    folder.add(described(xr.Dataset(bounds, attrs=study.attributes())))
+    return open_result(folder.store)
+
+
+def say_interrupted(folder: OutputFolder) -> None:
+    """Say on standard error what an interrupted run has finished."""
+    if folder.ledger is not None and folder.chunks:
+        of = folder.ledger.plan.trials
+        go_on = f"`quietfix run --resume {folder.final}` goes on"
+        print(f"quietfix: {folder.trials} of {of} trials are kept in {folder.partial}; {go_on}", file=sys.stderr)
