@@ -92,7 +92,8 @@ class LineReader:
         row = self._rows[meaning.row]
         written = _number(said, "value")
         value = meaning.value(written)
-        if wrong := beyond(row, value, written, series):
+        turned = written * meaning.factor if meaning.compass else value
+        if wrong := beyond(row, turned, written, series):
             raise Refused("value", wrong)
         sigma = _number(said, "sigma")
         if sigma <= 0:

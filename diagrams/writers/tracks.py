@@ -24,12 +24,14 @@ from quietfix.diagrams.writers.oem import oem_text
 from quietfix.systems.earth.geodetic import ecef_to_geodetic
 from quietfix.systems.earth.time_scales import from_tai
 
-__all__ = ["write_tracks"]
+__all__ = ["MOST_ORBITS", "write_tracks"]
 
 Array = NDArray[np.float64]
 
 _POINTS = 2000  # of all tracks in GeoJSON: each has two ellipses, 10 kB
-_MOST = 20  # files of orbits
+MOST_ORBITS = 20
+"""So many tracks have a file of an orbit, the first ones."""
+
 _KM = 1e-3
 
 
@@ -147,7 +149,7 @@ def _gpx(tracks: Sequence[_Track]) -> Iterator[tuple[str, str]]:
 
 def _oem(tracks: Sequence[_Track]) -> Iterator[tuple[str, str]]:
     created = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}"
-    for track in tracks[:_MOST]:
+    for track in tracks[:MOST_ORBITS]:
         second = track.second
         if second is None or not np.isfinite(track.state).all():
             continue

@@ -10,6 +10,7 @@ receiver is the reference.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,15 @@ from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.linear_algebra import cholesky, inverses, solve, symmetric
 from quietfix.systems.measurement.base import MeasurementModel
 
-__all__ = ["SnapshotFix", "snapshot_fix", "starts_around", "starts_around_level", "starts_on_ground"]
+__all__ = [
+    "SnapshotFix",
+    "snapshot_fix",
+    "starts_around",
+    "starts_around_level",
+    "starts_on_ground",
+    "under_ground",
+    "under_ground_level",
+]
 
 Array = NDArray[np.float64]
 
@@ -29,6 +38,7 @@ _CONVERGED = 1e-8  # predicted decrease of the cost: a step of 1e-4 standard dev
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 0.1, 1e-12, 1e12
 _GAUSS_NEWTON = 1e-2  # a short step counts as convergence only if damping did not make it short
 _RANK = 1e-12  # smallest eigenvalue of the information, scaled to unit diagonal
+_DEEP = 500.0  # m: no land lies lower, and no geoid is so far below the ellipsoid
 
 
 class SnapshotFix(NamedTuple):
@@ -97,6 +107,26 @@ def starts_around_level(platforms: Array, height: Array, directions: int = 6) ->
     return np.concatenate([above[..., None, :], around], axis=-2)
 
 
+def under_ground(position: Array, platforms: Array) -> NDArray[np.bool_]:
+    """Return where Earth-fixed places (..., s, 3) lie 500 m below the ellipsoid and below all platforms (..., p, >= 3).
+
+    Receivers that stand about in a plane hear a target above it and its image below almost alike: noise alone then
+    decides which of the two costs less.
+    """
+    return _deeper(ecef_to_geodetic(position)[2], ecef_to_geodetic(platforms[..., :3])[2])
+
+
+def under_ground_level(position: Array, platforms: Array) -> NDArray[np.bool_]:
+    """Return the same as `under_ground` in local axes: east, north, up on a flat Earth."""
+    return _deeper(position[..., 2], platforms[..., 2])
+
+
+def _deeper(height: Array, platforms: Array) -> NDArray[np.bool_]:
+    lowest = np.where(np.isfinite(platforms), platforms, 0.0).min(axis=-1, keepdims=True, initial=0.0)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(height < lowest - _DEEP)
+
+
 def _middle(platforms: Array) -> tuple[Array, Array]:
     """Return the middle (..., 3) of the platforms that are known and the distance of the outermost one (...)."""
     position = platforms[..., :3]
@@ -121,6 +151,7 @@ def snapshot_fix(
     starts: Array,
     prior: tuple[Array, Array] | None = None,
     as_well: float = 0.0,
+    buried: Callable[[Array, Array], NDArray[np.bool_]] | None = None,
 ) -> SnapshotFix:
     """Return the weighted least-squares fix: of all starts, the lowest minimum.
 
@@ -141,6 +172,9 @@ def snapshot_fix(
     as_well : float
         How much more a minimum may cost and still count as the lowest: of such the one nearest to the first start is
         taken. Curves may meet in several places, at costs that differ by rounding alone.
+    buried : callable, optional
+        ``(position (f, s, 3), platforms (f, p, 6)) -> (f, s)``: minima that count only where there is no other, such as
+        `under_ground`.
 
     Returns
     -------
@@ -164,6 +198,9 @@ def snapshot_fix(
     position, information, cost = _levenberg(problem, places.reshape(-1, 3), np.repeat(np.arange(fixes), count))
 
     cost = cost.reshape(fixes, count)
+    if buried is not None:
+        above = np.isfinite(cost) & ~buried(position.reshape(fixes, count, 3), flat(platforms, 2))
+        cost = np.where(above | ~above.any(axis=-1, keepdims=True), cost, np.nan)
     best = np.argmin(np.where(np.isfinite(cost), cost, np.inf), axis=-1)
     if as_well:
         away = np.linalg.norm(position.reshape(fixes, count, 3) - places[:, :1], axis=-1)

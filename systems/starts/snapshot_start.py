@@ -41,7 +41,7 @@ class SnapshotStart(Start):
     places : callable
         ``(platforms, height) -> (..., s, 3)``: where the search begins; `starts_around` of Earth-fixed axes,
         `starts_around_level` of local ones.
-    as_well : float
+    as_well, buried
         See `snapshot_fix`.
 
     Raises
@@ -61,6 +61,7 @@ class SnapshotStart(Start):
         noise_port: bool = False,
         places: Callable[[Array, Array], Array] = starts_around,
         as_well: float = 0.0,
+        buried: Callable[[Array, Array], NDArray[np.bool_]] | None = None,
     ) -> None:
         wanted = [*model.names, *([height] if isinstance(height, str) else [])]
         absent = [row for row in wanted if row not in stream]
@@ -75,6 +76,7 @@ class SnapshotStart(Start):
         self._noise_port = noise_port
         self._places = places
         self._as_well = as_well
+        self._buried = buried
 
     @property
     def inputs(self) -> Mapping[str, int]:
@@ -97,7 +99,8 @@ class SnapshotStart(Start):
             height = measurement[:, self._height_row]
             height = np.where(np.isfinite(height), height, 0.0)
         places = self._places(platforms, height)
-        fix = snapshot_fix(measurement[:, self._rows], platforms, self._model, noise, places, as_well=self._as_well)
+        rows = measurement[:, self._rows]
+        fix = snapshot_fix(rows, platforms, self._model, noise, places, as_well=self._as_well, buried=self._buried)
         found = np.isfinite(fix.cost)
         mean[found, :3], mean[found, 3:] = fix.position[found], 0.0
         covariance[found] = 0.0

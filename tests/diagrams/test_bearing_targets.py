@@ -98,6 +98,14 @@ def test_what_cannot_be_located_is_said_and_the_others_are(tmp_path, capsys):
         row["estimator"] for row in told
     }
     assert float(told[0]["cov_x_x"]) > 0
+    # fixes that stand in the files alone: a line says of which the bearings do not bear out the sigmas
+    hidden = [
+        name
+        for entry in summary.values()
+        for name, fix in entry["fixes"].items()
+        if name not in ("ml", "robust") and fix["fix"] and not fix["believable"]
+    ]
+    assert hidden and f"{hidden[0]} of {hidden.count(hidden[0])} targets" in printed
 
 
 def test_claimed_sigmas_that_do_not_cover_are_told():

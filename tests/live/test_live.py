@@ -202,6 +202,7 @@ GARBAGE = [
     ({**GOOD, "target": {"a": 1}}, "target", "text"),
     ({**GOOD, "target": "x" * 1000}, "target", "at most 200 letters"),
     ({**GOOD, "kind": "azimuth", "reference": "", "value": 1e6, "unit": "deg"}, "value", "at most a turn"),
+    ({**GOOD, "kind": "bearing", "reference": "", "value": 945.5, "unit": "deg"}, "value", "at most a turn"),
     ({**GOOD, "sigma": 1e-300}, "unusable", "it cannot be used"),
 ]
 

@@ -64,6 +64,10 @@ WRONG = {
         changed(3, "deg", "rad"),
         "log.csv:5: value: 60 rad is not allowed for azimuth_alpha; at most",
     ),
+    "a bearing of more than a turn": (
+        changed(3, "azimuth,alpha,,60", "bearing,alpha,,945.5"),
+        "log.csv:5: value: 945.5 deg is not allowed for azimuth_alpha; at most",
+    ),
     "sigma 0": (changed(0, "30e-3", "0"), "log.csv:2: sigma: 0 is not allowed; > 0, or empty: as the sensor has it"),
     "sigma < 0": (changed(0, "30e-3", "-1"), "log.csv:2: sigma: -1 is not allowed"),
     "a time": (changed(3, "2,", "two,"), "log.csv:5: time_s: 'two' is not allowed; a number"),

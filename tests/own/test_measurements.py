@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from typer.testing import CliRunner
 
 from quietfix.diagrams import run_study
 from quietfix.diagrams.assembly.find import find
 from quietfix.diagrams.commands.command_line import app
+from quietfix.diagrams.own.fed.covering import judge
+from quietfix.diagrams.own.fed.report import MeasuredReport, Told
 from quietfix.diagrams.own.writing import write_measurements, write_truth
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.studies.results import open_result
@@ -173,3 +176,14 @@ def test_sigmas_that_cannot_cover_the_residuals_are_told(written, tmp_path):
     found = float(told.split("iekf, which are ")[1].split(" times")[0])
     assert found == pytest.approx(5.0, abs=1.5)
     assert "cannot cover" not in CliRunner().invoke(app, [*common, str(path)]).output
+
+
+def test_what_ends_under_the_ground_is_said():
+    def told(height):
+        place = {"latitude_deg": 49.0, "longitude_deg": 16.0, "height_m": height}
+        covering = judge(np.ones(9), np.ones(9), np.arange(9.0), [])
+        return Told("ekf", f"at {height:g}", 9, 9, 8.0, place, {}, 1.0, 0.5, 1.5, 1.0, covering)
+
+    report = MeasuredReport([told(-6609.4), told(-90.0)], xr.Dataset(), None, True, "air", "")
+    deep = [line for line in report.notes() if "under the ground" in line]
+    assert len(deep) == 1 and deep[0].startswith("at -6609.4: ekf ends 6609 m below the ellipsoid")

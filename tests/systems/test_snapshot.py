@@ -9,7 +9,12 @@ from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_state
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
-from quietfix.systems.fixes.snapshot import snapshot_fix, starts_around
+from quietfix.systems.fixes.snapshot import (
+    snapshot_fix,
+    starts_around,
+    under_ground,
+    under_ground_level,
+)
 from quietfix.systems.measurement.altitude import Altitude
 from quietfix.systems.measurement.stack import Stack
 from quietfix.systems.measurement.tdoa import Tdoa
@@ -195,6 +200,33 @@ def test_starts_lie_above_and_around_the_platforms():
 
 
 # ----------------------------------------------------------------------------------------------------- start
+
+
+def test_an_image_below_the_ground_counts_only_where_nothing_else_does():
+    """Stations that stand within 300 m of a plane: the image of an aircraft costs as little as the aircraft itself."""
+    target, _, rng = scene(17, 400)
+    lat, lon = np.radians([48.0, 47.5, 48.5, 48.1, 47.9]), np.radians([9.5, 9.0, 9.2, 10.3, 8.6])
+    platforms = geodetic_state(lat, lon, np.array([250.0, 220.0, 520.0, 290.0, 230.0]), 0.0, 0.0)
+    noise = TDOA.noise_covariance()
+    measurement = TDOA.predict(target, platforms) + rng.multivariate_normal(np.zeros(4), noise, 400)
+    starts = starts_around(platforms, np.zeros(400))
+    free, chosen = (snapshot_fix(measurement, platforms, TDOA, noise, starts, buried=b) for b in (None, under_ground))
+    below, now = ecef_to_geodetic(free.position)[2] < -500, ecef_to_geodetic(chosen.position)[2]
+    # a coin is tossed: far from none of the 400 are buried, and their errors are of kilometres
+    assert np.count_nonzero(below) > 60 and np.count_nonzero(now < -500) < 12
+    kept = ~below & np.isfinite(free.cost)
+    np.testing.assert_array_equal(chosen.position[kept], free.position[kept])
+    # all starts under the ground end there: a place that nothing else can be in is still told
+    only = snapshot_fix(measurement[below], platforms, TDOA, noise, free.position[below, None, :], buried=under_ground)
+    assert np.all(ecef_to_geodetic(only.position)[2] < -500)
+
+
+def test_level_axes_have_a_ground_too():
+    platforms = np.array([[0, 0, 5.0], [9e3, 0, 120], [0, 9e3, -700], [np.nan] * 3])
+    places = np.array([[0, 0, -600.0], [0, 0, -1100], [0, 0, -1300], [np.nan] * 3])
+    # below the lowest of them, the one at -700 m, by more than 500 m
+    assert under_ground_level(places, platforms).tolist() == [False, False, True, False]
+    assert under_ground_level(places, platforms[:2]).tolist() == [True, True, True, False]
 
 
 def test_start_is_the_fix_with_an_unknown_velocity():

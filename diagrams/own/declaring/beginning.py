@@ -26,7 +26,7 @@ from quietfix.systems.atmosphere.delayed import Delayed, in_vacuum
 from quietfix.systems.clocks import Clock
 from quietfix.systems.estimators.options import EstimatorOptions
 from quietfix.systems.fixes.known_height import Method, has_closed_form
-from quietfix.systems.fixes.snapshot import starts_around, starts_around_level
+from quietfix.systems.fixes.snapshot import starts_around, starts_around_level, under_ground, under_ground_level
 from quietfix.systems.geometry.visibility import ElevationMask
 from quietfix.systems.measurement.altitude import Altitude
 from quietfix.systems.measurement.stack import Stack
@@ -144,14 +144,16 @@ def _snapshot(field: Snapshot, around: Surroundings) -> Begin:
                 f"start.sensors: {one.name} is not allowed; its phases are resolved by a prediction, which the first "
                 "measurement has not; name others"
             )
-    places = starts_around_level if around.scenario.axes.flat else starts_around
+    level = around.scenario.axes.flat
+    places, buried = (starts_around_level, under_ground_level) if level else (starts_around, under_ground)
 
     def make(name: str, options: EstimatorOptions, rows: Sequence[str]) -> Start:
         for one in chosen:
             if one.resolved and options.resolves_phases:
                 raise UserError(f"estimators.{name}: it takes wrapped phases; start.sensors: {one.name} is not allowed")
         model = Stack([one.cleared for one in chosen])
-        return SnapshotStart(model, rows, field.sigma_velocity_mps, field.height_m, around.scaled, places)
+        spread, height = field.sigma_velocity_mps, field.height_m
+        return SnapshotStart(model, rows, spread, height, around.scaled, places, buried=buried)
 
     size = sum(one.believed.size for one in chosen)
     if size < 3:

@@ -74,9 +74,10 @@ def matched(table: MeasurementTable, rows: Sequence[Row]) -> Matched:
     offset = np.array([one.offset for one in meanings])[table.which]
     compass = np.array([one.compass for one in meanings])[table.which]
     value, sigma = table.value * factor, table.sigma * np.abs(factor)
+    turned = value.copy()  # before it is wrapped, after which any number is a direction
     value[compass] = from_compass(np.degrees(value[compass]))
     value = np.where(offset == 0, value, value + offset)
-    _check(table, rows, row, value)
+    _check(table, rows, row, np.where(compass, turned, value))
     return Matched(row, value, sigma, _notes(table, rows, row))
 
 

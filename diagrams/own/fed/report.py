@@ -20,7 +20,7 @@ from quietfix.diagrams.quantities.states import POSITION
 from quietfix.diagrams.statistics.consistency import chi_square_band
 from quietfix.diagrams.statistics.epochs import along
 from quietfix.diagrams.writers.estimates import estimate_columns, write_estimates
-from quietfix.diagrams.writers.tracks import write_tracks
+from quietfix.diagrams.writers.tracks import MOST_ORBITS, write_tracks
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
 from quietfix.systems.earth.time_scales import from_tai
 
@@ -29,6 +29,7 @@ __all__ = ["MeasuredReport", "Told", "measured_report"]
 Array = NDArray[np.float64]
 
 _MOST = 20  # targets in the table that is printed; all are in summary.json
+_DEEP = -500.0  # m: no land lies lower
 
 
 @dataclass(frozen=True)
@@ -200,8 +201,16 @@ class MeasuredReport:
             for one in self.told
             if one.time is None
         ]
+        lines += [
+            f"{one.target}: {one.estimator} ends {-one.place['height_m']:.0f} m below the ellipsoid, under the ground: "
+            "receivers in a plane hear an image below it as well as what is above; a start that is higher, or an error"
+            for one in self.told
+            if one.place.get("height_m", 0.0) < _DEEP
+        ][:_MOST]
         said = (one.covering.said(f"{one.target}: ", one.estimator, one.larger) for one in self.told)
         lines += [line for line in said if line][:_MOST]
+        if len(self.told) > MOST_ORBITS and self.began is not None and frame_of(self.result).geodetic:
+            lines.append(f"orbits (.oem) are written of the first {MOST_ORBITS} of {len(self.told)} tracks only")
         if not self.known:
             lines.append("nobody knows where the target was: no errors, only what the estimators say of themselves")
         return [*lines, *([self.note] if self.note and not self.known else []), self._clock()]

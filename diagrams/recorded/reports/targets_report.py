@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,6 +27,7 @@ __all__ = ["Located", "Sigma", "TargetsReport", "believed_sigma", "targets_repor
 
 Array = NDArray[np.float64]
 
+_SHOWN = ("ml", "robust")  # fixes in the table
 _PRINTED = 60  # targets in the table; all are in the files
 _NAMED = 5
 _ASSUMED = math.radians(3.0)  # of bearings of which nothing tells how good they are
@@ -221,7 +223,7 @@ class TargetsReport:
         for one in self.targets[:_PRINTED]:
             name, bearings = one.name or "target", str(one.bearings.azimuth.size)
             fixes = self.located.get(one.name, ({}, None))[0]
-            for method in ("ml", "robust"):
+            for method in _SHOWN:
                 fix = fixes.get(method)
                 if fix is None or not fix.there:
                     table.add(name, method, bearings, "no fix", *["-"] * (4 + 2 * self.moving))
@@ -267,8 +269,10 @@ class TargetsReport:
         for reason in dict.fromkeys(self._without.values()):
             who = [name or "the target" for name, why in self._without.items() if why == reason]
             lines.append(f"no fix of {_listed(who)}: {reason}")
-        if any(fix.there and not fix.believable for fixes, _ in self.located.values() for fix in fixes.values()):
+        shown = [fixes[method] for fixes, _ in self.located.values() for method in _SHOWN if method in fixes]
+        if any(fix.there and not fix.believable for fix in shown):
             lines.append("* do not believe its sigmas: the bearings do not bear them out")
+        lines += self._unprinted()
         north = "true north" if self._geodetic else "the y axis (grid north)"
         lines += [f"bearings are taken as clockwise from {north}; --set correction_deg=... turns them", self._sigma()]
         return [line for line in lines if line] + self._aside()
@@ -285,6 +289,19 @@ class TargetsReport:
         if self.sigma.told:
             return f"the file has no sigma: {degrees:.2f} deg, from the residuals of all targets together"
         return f"the file has no sigma, and too few bearings tell one: {degrees:g} deg is assumed"
+
+    def _unprinted(self) -> list[str]:
+        """Return a line on fixes that are in the files alone and that the bearings do not bear out."""
+        count = Counter(
+            method
+            for fixes, _ in self.located.values()
+            for method, fix in fixes.items()
+            if method not in _SHOWN and fix.there and not fix.believable
+        )
+        told = ", ".join(f"{method} of {number} targets" for method, number in count.items())
+        return (
+            [f"the files have also {told}, whose sigmas the bearings do not bear out: leave them out"] if told else []
+        )
 
     def _aside(self) -> list[str]:
         """Return a line on bearings that the robust fixes set aside."""
@@ -329,11 +346,7 @@ class TargetsReport:
             for method, fix in self.located.get(one.name, ({}, None))[0].items():
                 if not fix.there:
                     continue
-                time = (
-                    np.unique(bearings.time)[-_TRACK:]
-                    if self.moving and method in ("ml", "robust")
-                    else bearings.time[-1:]
-                )
+                time = np.unique(bearings.time)[-_TRACK:] if self.moving and method in _SHOWN else bearings.time[-1:]
                 state, covariance = _carried(fix, time - bearings.time[-1])
                 degrees = bearings.degrees(state[:, :2]) if self._geodetic else None
                 found.append(PlaneTrack(method, one.name or "target", time, state, covariance, degrees))
