@@ -72,8 +72,10 @@ def address_of(function: Any) -> int:
     try:
         load(dispatcher)
     except Exception as error:  # numba has many of them
-        first = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
-        raise TypeError(f"kernel: {name} cannot be compiled: {first}") from error
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        told = [line for line in lines if not line.startswith("Failed in")]  # a heading that says nothing
+        reason = (told or lines or [type(error).__name__])[0]
+        raise TypeError(f"kernel: {name} cannot be compiled: {reason}") from error
     result = dispatcher.overloads[SIGNATURE.args]
     if result.signature.return_type != types.none:
         raise TypeError(f"kernel: {name} returns {result.signature.return_type}; it must return nothing")

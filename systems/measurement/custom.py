@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from quietfix.systems.checked import Checked, disagreement, state_steps
 from quietfix.systems.checked import made as made_checked
 from quietfix.systems.kernels.equations import Equations, equations_of, program
-from quietfix.systems.kernels.evaluating import values
+from quietfix.systems.kernels.evaluating import linearized
 from quietfix.systems.measurement.base import MeasurementModel
+from quietfix.systems.registry import blamed, in_one_line
 
 __all__ = ["CustomMeasurement", "made"]
 
@@ -91,12 +92,27 @@ class CustomMeasurement(MeasurementModel):
             if not np.isfinite(value).all():
                 begin = target.reshape(-1, target.shape[-1])[0].tolist()
                 raise self._checked.wrong(what, f"a number that is not finite, for a target at {begin}")
-        compiled = program(self)
-        if compiled is not None:
-            off = np.abs(values(compiled, target, platforms) - answers["predict"]) / self.sigmas
-            if not np.all(off <= _SAME):
-                raise self._checked.wrong("equations", f"its kernel is {np.max(off):.2g} sigmas off what predict gives")
+        self._check_kernel(target, platforms, answers["predict"], answers["jacobian"])
         self._checked.same_again("predict", answers["predict"], self.predict(target, platforms))
+
+    def _check_kernel(self, target: Array, platforms: Array, predicted: Array, jacobian: Array) -> None:
+        """Hold compiled equations, where the class has them, against what its methods give."""
+        if self.equations() is None:
+            return
+        try:
+            compiled = program(self)
+            assert compiled is not None
+            value, slope = linearized(compiled, target, platforms)
+        except (TypeError, ValueError) as error:
+            raise self._checked.wrong("equations", in_one_line(error)) from error
+        off = np.max(np.abs(value - predicted) / self.sigmas)
+        if not off <= _SAME:
+            raise self._checked.wrong("equations", f"its kernel is {off:.2g} sigmas off what predict gives")
+        off = disagreement(slope, jacobian, value, state_steps(target), _NO_GRADIENT * self.sigmas)
+        if not off <= _CLOSE:
+            raise self._checked.wrong(
+                "equations", f"its kernel's derivatives are {off:.2g} of the gradient off jacobian"
+            )
 
     def doubt(self, target: Array, platforms: Array) -> str:
         """Return in words that the class's own Jacobian is not the derivative of its `predict` there; else nothing."""
@@ -123,7 +139,20 @@ class CustomMeasurement(MeasurementModel):
     def equations(self) -> Equations | None:
         """See `MeasurementModel.equations`: those of the user's class, where it sees the first platforms in order."""
         in_order = self.platforms == list(range(len(self.platforms)))
-        return equations_of(self.model) if in_order and self.has_jacobian else None
+        if not (in_order and self.has_jacobian):
+            return None
+        try:
+            found: Any = equations_of(self.model)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # whatever a user's method does, sys.exit too
+            named = f"{self._checked.name}: {blamed(self._checked.path, error, 'equations')}"
+            raise self._checked.refused(named) from error
+        if found is not None and not isinstance(found, Equations):
+            raise self._checked.wrong("equations", f"{found!r:.80} is not allowed; what of_kernel returns, or None")
+        if found is not None and len(found.chosen) != self.size:
+            raise self._checked.wrong("equations", f"{len(found.chosen)} rows are not allowed; {self.size}, its names")
+        return found
 
     def predict(self, target: Array, platforms: Array) -> Array:
         """See `MeasurementModel.predict`."""
