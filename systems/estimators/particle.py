@@ -17,6 +17,7 @@ from quietfix.systems.filters.observation import Observation, take
 from quietfix.systems.filters.particle.draws import Draws
 from quietfix.systems.filters.particle.health import COLUMNS, LEAST_EVIDENCE, evidence, follow, normalised_innovation
 from quietfix.systems.filters.particle.likelihood import Likelihood, Reading
+from quietfix.systems.filters.particle.motion import propagate
 from quietfix.systems.filters.particle.update import Cloud, ParticleUpdate
 from quietfix.systems.filters.particle.weights import effective_size, moments, normalise, unique_sorted
 from quietfix.systems.linear_algebra import semidefinite_root
@@ -29,7 +30,7 @@ __all__ = ["ParticleEstimator"]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_AT_ONCE = 20_000  # particles: what fits into a processor's cache; more at once are slower
+_AT_ONCE = 100_000  # particles: what fits into a processor's cache; more at once are slower
 _PORTS = COLUMNS[:-1]
 
 
@@ -238,21 +239,17 @@ class ParticleEstimator(Estimator):
             index, here, own = np.arange(group.start, group.stop), memory["mean"][group], motion
             if motion.input_size:
                 own = motion.driven(carried["motion_input"][group])
-                moving = motion.driven(carried["motion_input"][group, None])
-            else:
-                moving = motion
-            moved = moving.propagate(cloud.particles[group].swapaxes(1, 2), dt).swapaxes(1, 2)
             # what the noise of a trial is that has not started or is lost does not matter
-            noise = own.process_noise(np.where(np.isfinite(here), here, 1.0), dt)
+            here = np.where(np.isfinite(here), here, 1.0)
+            noise = own.process_noise(here, dt)
             if not np.isfinite(noise.sum()):
                 noise = np.where(np.isfinite(noise).all(axis=(-1, -2), keepdims=True), noise, 0.0)
             if noise.any():
                 root = _noise_root(noise.tobytes(), noise.shape)
                 white = draws.normal("motion", index, (root.shape[-1], self.particles))
-                np.matmul(root, white, out=particles[group])
-                particles[group] += moved
             else:
-                particles[group] = moved
+                root, white = np.empty((motion.size, 0)), np.empty((len(index), 0, self.particles))
+            propagate(own, here, cloud.particles[group], dt, root, white, particles[group])
         kept = {group: memory[group] for group in ("log_weight", "ancestor", "health")}
         return {"particles": particles.reshape(len(particles), -1), **kept, **carried}
 

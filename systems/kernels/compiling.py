@@ -16,7 +16,7 @@ from numba.core import caching, config
 
 from quietfix.systems.kernels.progress import say_compiled, say_compiling, say_uncached
 
-__all__ = ["compiled", "inlined", "load"]
+__all__ = ["compiled", "inlined", "load", "summing"]
 
 _ROOM = Path(__file__).parent
 
@@ -27,6 +27,12 @@ _njit = cast(Any, numba.njit)  # its type does not list all of its options
 
 inlined = _njit(**_INNER, _nrt=False)
 """Decorator of a function that is only called from compiled ones and becomes part of them; it allocates nothing."""
+
+summing = _njit(**{**_INNER, "fastmath": {"reassoc", "nsz"}}, _nrt=False)
+"""Decorator of an `inlined` function in which sums may be taken in another order: in the lanes of a vector unit.
+
+The order is that of the machine and the length, and does not depend on what else is computed.
+"""
 
 
 def compiled(signature: Any, from_python: bool = True, careful: bool = False) -> Callable[[Callable[..., Any]], Any]:

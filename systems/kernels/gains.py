@@ -81,21 +81,56 @@ def correct(rows: Any, whitened: Any, gram: Any, y: Any, spare: Any) -> int:
 def posterior_covariance(t: int, root: Any, gram: Any, wide: int, half: Any, covariance: Any) -> None:
     r"""Write :math:`A A^T`, :math:`A = L F^{-T}`, for the factor F in `gram`, as that of trial t."""
     n = root.shape[0]
-    for i in range(n):
+    for begin in range(0, n - 3, 4):  # four rows at a time: none of them waits for another
+        _four_rows(root, gram, half, begin)
+    for i in range(n - n % 4, n):
         for j in range(n):
             total = root[i, j]
             for k in range(j):
                 total -= gram[j, k] * half[i, k]
             half[i, j] = total / gram[j, j]
     for i in range(n):
-        for j in range(i + 1):
+        four = (i + 1) - (i + 1) % 4
+        for j in range(0, four, 4):
+            _four_products(t, half, i, j, covariance)
+        for j in range(four, i + 1):
             total = 0.0
             for k in range(n):
                 total += half[i, k] * half[j, k]
-            if wide > 0 and i == j:
-                total += n * n * _EPSILON * total
             covariance[t, i, j] = total
-            covariance[t, j, i] = total
+        if wide > 0:
+            covariance[t, i, i] += n * n * _EPSILON * covariance[t, i, i]
+        for j in range(i):
+            covariance[t, j, i] = covariance[t, i, j]
+
+
+@inlined
+def _four_rows(root: Any, gram: Any, half: Any, i: int) -> None:
+    """Write four rows of L F^-T, from row i on."""
+    for j in range(root.shape[0]):
+        a, b, c, d = root[i, j], root[i + 1, j], root[i + 2, j], root[i + 3, j]
+        for k in range(j):
+            shared = gram[j, k]
+            a -= shared * half[i, k]
+            b -= shared * half[i + 1, k]
+            c -= shared * half[i + 2, k]
+            d -= shared * half[i + 3, k]
+        pivot = gram[j, j]
+        half[i, j], half[i + 1, j], half[i + 2, j], half[i + 3, j] = a / pivot, b / pivot, c / pivot, d / pivot
+
+
+@inlined
+def _four_products(t: int, half: Any, i: int, j: int, covariance: Any) -> None:
+    """Write four elements of row i of A A^T, from column j on."""
+    a = b = c = d = 0.0
+    for k in range(half.shape[0]):
+        shared = half[i, k]
+        a += shared * half[j, k]
+        b += shared * half[j + 1, k]
+        c += shared * half[j + 2, k]
+        d += shared * half[j + 3, k]
+    covariance[t, i, j], covariance[t, i, j + 1] = a, b
+    covariance[t, i, j + 2], covariance[t, i, j + 3] = c, d
 
 
 @inlined

@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.kernels.particles.calls import moved
+
 __all__ = ["bandwidth", "lost_spread", "shrunk_kernel"]
 
 Array = NDArray[np.float64]
@@ -34,7 +36,9 @@ def lost_spread(effective: Array) -> Array:
     return 1 / np.maximum(effective - 1, 1.0)
 
 
-def shrunk_kernel(cloud: Array, mean: Array, root: Array, white: Array, width: float, widening: Array) -> Array:
+def shrunk_kernel(
+    cloud: Array, mean: Array, root: Array, white: Array, width: float, widening: Array, out: Array | None = None
+) -> Array:
     r"""Draw from a kernel density of the cloud without widening it more than is asked for.
 
     .. math:: x_i \leftarrow \bar x + a\,(x_i - \bar x) + \sqrt{h^2 + \delta}\,L\,e_i, \qquad a = \sqrt{1 - h^2}
@@ -57,9 +61,9 @@ def shrunk_kernel(cloud: Array, mean: Array, root: Array, white: Array, width: f
         h, from 0 to 1.
     widening : ndarray, shape (trials,)
         delta: the covariance becomes (1 + delta) P; see `lost_spread`.
+    out : ndarray, shape (trials, n, N), optional
+        Where the result is put; it shares no memory with the cloud.
     """
     shrink = math.sqrt(1 - width**2)
-    moved = (np.sqrt(width**2 + widening)[:, None, None] * root) @ white
-    moved += shrink * cloud
-    moved += (1 - shrink) * mean[..., None]
-    return moved
+    scaled = np.sqrt(width**2 + widening)[:, None, None] * root
+    return moved(cloud, shrink * np.eye(mean.shape[-1]), (1 - shrink) * mean, scaled, white, out)

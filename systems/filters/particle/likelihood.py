@@ -6,11 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.filters.observation import Observation, take
+from quietfix.systems.kernels.particles.calls import likelihoods
 from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["Likelihood", "Reading"]
 
 Array = NDArray[np.float64]
+
+_AT_ONCE = 20_000  # particles: what fits into a processor's cache; more at once are slower
 
 
 class Reading:
@@ -36,8 +39,13 @@ class Reading:
         measured, platforms = self.observation.value, self.observation.platforms
         if which.size != measured.shape[0]:
             measured, platforms = measured[which], take(platforms, which)
-        predicted = self.model.predict(cloud.swapaxes(1, 2), platforms[:, None])
-        return self.model.residual(measured[:, None], predicted)
+        found, step = np.empty((*measured.shape, cloud.shape[-1])), max(1, _AT_ONCE // cloud.shape[-1])
+        for begin in range(0, len(cloud), step):
+            some = slice(begin, begin + step)
+            seen = platforms[:, None] if platforms.shape[0] == 1 else platforms[some, None]
+            predicted = self.model.predict(cloud[some].swapaxes(1, 2), seen)
+            found[some] = self.model.residual(measured[some, None], predicted).swapaxes(1, 2)
+        return found.swapaxes(1, 2)
 
 
 class Likelihood:
@@ -53,11 +61,7 @@ class Likelihood:
 
     def __init__(self, reading: Reading, missing: NDArray[np.bool_]) -> None:
         self._reading, self._missing = reading, missing
-        root = reading.observation.whitener.matrix(missing if missing.any() else None)
-        # Rows that are independent, as they mostly are, need no product of matrices per particle.
-        diagonal = np.einsum("...ii->...i", root)
-        self._diagonal = bool(np.all(root == diagonal[..., None] * np.eye(root.shape[-1])))
-        self._root = diagonal if self._diagonal else root
+        self._weight = reading.observation.whitener.matrix(missing if missing.any() else None)
 
     def __call__(self, cloud: Array, which: NDArray[np.intp], residual: Array | None = None) -> tuple[Array, Array]:
         """Return log likelihoods (len(which), N) and whitened residuals (len(which), N, m).
@@ -74,18 +78,6 @@ class Likelihood:
         """
         if residual is None:
             residual = self._reading.residual(cloud, which)
-        missing = self._missing[which]
-        if missing.any():
-            residual = np.where(missing[:, None], 0.0, residual)
-        root = self._root if self._root.ndim == (1 if self._diagonal else 2) else self._root[which]
-        if self._diagonal:
-            white = residual * (root if root.ndim == 1 else root[:, None])
-        else:
-            white = residual @ np.swapaxes(root, -1, -2)
-        log_likelihood = np.einsum("...i,...i->...", white, white)
-        log_likelihood *= -0.5
-        if not np.isfinite(np.sum(log_likelihood)):
-            impossible = ~np.isfinite(log_likelihood)
-            log_likelihood[impossible] = -np.inf
-            white[impossible] = 0.0
-        return log_likelihood, white
+        weight = self._weight if self._weight.ndim == 2 else self._weight[which]
+        white, logarithm = likelihoods(residual.swapaxes(1, 2), self._missing[which], weight)
+        return logarithm, white.swapaxes(1, 2)

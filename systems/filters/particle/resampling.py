@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.kernels.particles.calls import chosen_by, systematic_counts
+
 __all__ = ["SCHEMES", "Scheme", "multinomial", "parents", "residual", "stratified", "systematic"]
 
 Array = NDArray[np.float64]
@@ -46,11 +48,7 @@ def systematic(weights: Array, uniform: Array) -> Counts:
     -------
     ndarray of int, shape (..., N)
     """
-    n = weights.shape[-1]
-    edges = n * _cumulative(weights)
-    below = edges.astype(np.int64)
-    # k + u < edge, without the rounding of edge - u, which could give a particle without weight a point
-    return _from_edges(below + (uniform < edges - below))
+    return systematic_counts(weights, uniform)
 
 
 def stratified(weights: Array, uniform: Array) -> Counts:
@@ -141,6 +139,4 @@ def parents(counts: Counts) -> NDArray[np.intp]:
     counts : ndarray of int, shape (..., N)
         They sum to N in each trial.
     """
-    n = counts.shape[-1]
-    flat = np.repeat(np.broadcast_to(np.arange(n), counts.shape).ravel(), counts.ravel())
-    return flat.reshape(counts.shape)
+    return chosen_by(counts)

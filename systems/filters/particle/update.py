@@ -15,6 +15,7 @@ from quietfix.systems.filters.particle.likelihood import Likelihood
 from quietfix.systems.filters.particle.resampling import SCHEMES, parents
 from quietfix.systems.filters.particle.tempering import next_exponent
 from quietfix.systems.filters.particle.weights import effective_size, moments, normalise
+from quietfix.systems.kernels.particles.calls import gather
 from quietfix.systems.linear_algebra import cholesky
 
 __all__ = ["Cloud", "ParticleUpdate", "Updated"]
@@ -150,16 +151,14 @@ class ParticleUpdate:
         chosen = parents(scheme.counts(weight, uniform))
         fresh = Cloud(*(np.empty_like(array) for array in cloud)) if out is None else out
         fresh.log_weight[...] = 0.0
-        for old, new, a, b, rows in zip(
-            cloud.particles, fresh.particles, cloud.ancestor, fresh.ancestor, chosen, strict=True
-        ):  # whole clouds: a gather over both axes at once takes three times as long
-            np.take(old, rows, axis=1, out=new, mode="clip")
-            np.take(a, rows, out=b, mode="clip")
-        if self.kernel:
-            white = draws.normal(f"kernel:{stage}", which, (n, count))
-            widening = lost_spread(effective_size(weight))
-            root = cholesky(covariance)
-            fresh.particles[...] = shrunk_kernel(fresh.particles, mean, root, white, bandwidth(n, count), widening)
+        if not self.kernel:
+            gather(cloud.particles, cloud.ancestor, chosen, fresh.particles, fresh.ancestor)
+            return fresh
+        kept = np.empty_like(cloud.particles)
+        gather(cloud.particles, cloud.ancestor, chosen, kept, fresh.ancestor)
+        white = draws.normal(f"kernel:{stage}", which, (n, count))
+        widening = lost_spread(effective_size(weight))
+        shrunk_kernel(kept, mean, cholesky(covariance), white, bandwidth(n, count), widening, fresh.particles)
         return fresh
 
     def __call__(

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.linear_algebra import dot, symmetric
+from quietfix.systems.kernels.particles.calls import weighted_moments
+from quietfix.systems.linear_algebra import dot
 
 __all__ = ["effective_size", "moments", "normalise", "unique_sorted"]
 
@@ -59,14 +60,7 @@ def moments(cloud: Array, weight: Array | None) -> tuple[Array, Array]:
 
     The covariance is positive definite, also where the cloud has collapsed. Without weights all count the same.
     """
-    mean = cloud.mean(axis=-1) if weight is None else (cloud @ weight[..., None])[..., 0]
-    # that the mean of 1e6 m is rounded moves neither by as much as the jitter
-    offset = cloud - mean[..., None]
-    if weight is not None:
-        offset *= np.sqrt(weight)[..., None, :]
-    covariance = symmetric(offset @ np.swapaxes(offset, -1, -2))
-    if weight is None:
-        covariance /= cloud.shape[-1]
+    mean, covariance = weighted_moments(cloud, weight)
     variance = np.einsum("...ii->...i", covariance)
     variance += _JITTER * variance + _TINY
     return mean, covariance

@@ -187,9 +187,10 @@ def _innovation(
 def _inflation(even: Any, shift: Any, w: Any, weight: float, centre: float, bend: Any, omega: Any) -> None:
     """Write I + Omega, whitened by the lower triangular `w`; its lower triangle alone."""
     n, m = even.shape
+    own = _is_diagonal(w)
     for i in range(m):
         total = 0.0
-        for j in range(i + 1):
+        for j in range(i if own else 0, i + 1):
             total += w[i, j] * shift[j]
         bend[i] = total
         for j in range(i + 1):
@@ -197,7 +198,7 @@ def _inflation(even: Any, shift: Any, w: Any, weight: float, centre: float, bend
     for k in range(n):
         for i in range(m - 1, -1, -1):  # in place: row i of W needs the elements up to i
             total = 0.0
-            for j in range(i + 1):
+            for j in range(i if own else 0, i + 1):
                 total += w[i, j] * (even[k, j] - shift[j])
             even[k, i] = total
         for i in range(m):
@@ -207,6 +208,16 @@ def _inflation(even: Any, shift: Any, w: Any, weight: float, centre: float, bend
         for j in range(i + 1):
             omega[i, j] = 2.0 * weight * omega[i, j] + centre * bend[i] * bend[j]
         omega[i, i] += 1.0
+
+
+@inlined
+def _is_diagonal(w: Any) -> bool:
+    """Return whether the rows are independent, as they mostly are."""
+    for i in range(w.shape[0]):
+        for j in range(i):
+            if w[i, j] != 0.0:
+                return False
+    return True
 
 
 @inlined

@@ -1,0 +1,1 @@
+"""Compiled loops over the particles of clouds (trials, n, N): motion, likelihood, moments, resampling."""
