@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.filters.observation import Observation, take
-from quietfix.systems.kernels.particles.calls import likelihoods
+from quietfix.systems.kernels.equations import program
+from quietfix.systems.kernels.particles.calls import likelihoods, residuals
 from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["Likelihood", "Reading"]
@@ -39,6 +40,9 @@ class Reading:
         measured, platforms = self.observation.value, self.observation.platforms
         if which.size != measured.shape[0]:
             measured, platforms = measured[which], take(platforms, which)
+        compiled = program(self.model)
+        if compiled is not None:
+            return residuals(compiled, cloud, measured, platforms).swapaxes(1, 2)
         found, step = np.empty((*measured.shape, cloud.shape[-1])), max(1, _AT_ONCE // cloud.shape[-1])
         for begin in range(0, len(cloud), step):
             some = slice(begin, begin + step)

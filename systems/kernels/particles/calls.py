@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.kernels.equations import Step
+from quietfix.systems.kernels.equations import Program, Step
 from quietfix.systems.kernels.loading import ready
-from quietfix.systems.kernels.updating import NO_INPUT, plain
+from quietfix.systems.kernels.updating import NO_INPUT, fit, plain, raised
 
 __all__ = [
     "chosen_by",
@@ -15,6 +15,7 @@ __all__ = [
     "likelihoods",
     "moved",
     "moved_by_kernel",
+    "residuals",
     "systematic_counts",
     "weighted_moments",
 ]
@@ -57,6 +58,36 @@ def moved_by_kernel(step: Step, held: Array | None, cloud: Array, root: Array, w
     )
     if code >= 0:
         raise ValueError(f"motion: its kernel raised for a particle of trial {code} of these {len(cloud)}")
+
+
+def residuals(program: Program, cloud: Array, measured: Array, platforms: Array) -> Array:
+    """Return measured (trials, m) minus predicted for every particle of clouds (trials, n, N), shape (trials, m, N).
+
+    Raises
+    ------
+    ValueError
+        For platforms (1 or trials, p, 6) that are too few, or where a user's kernel raised.
+    """
+    trials, n, count = cloud.shape
+    fit(program, n, platforms)
+    whole, seen = plain(cloud), plain(platforms)
+    found = np.empty((trials, measured.shape[-1], count))
+    code = ready("particles.weighing:residuals")(
+        whole,
+        plain(measured),
+        seen,
+        program.parts,
+        program.chosen,
+        program.parameters,
+        program.moduli,
+        np.empty(n + program.rows),
+        np.empty((0, n)),
+        found,
+    )
+    if code >= 0:
+        trial, particle = divmod(code >> 8, count)
+        raised(program, code & 255, whole[trial, :, particle].copy(), seen[trial if len(seen) > 1 else 0])
+    return found
 
 
 def likelihoods(residual: Array, missing: NDArray[np.bool_], weight: Array) -> tuple[Array, Array]:

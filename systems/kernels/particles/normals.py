@@ -71,4 +71,4 @@ def _beyond(state: Any) -> float:
         x = -ziggurat_nor_inv_r * math.log1p(-_uniform(state))
         y = -math.log1p(-_uniform(state))
         if y + y > x * x:
-            return ziggurat_nor_r + x  # type: ignore[no-any-return]
+            return ziggurat_nor_r + x

@@ -6,10 +6,52 @@ import math
 from typing import Any
 
 from quietfix.systems.kernels.compiling import compiled, inlined, summing
+from quietfix.systems.kernels.rows import evaluate, wrapped
 
-__all__ = ["likelihoods", "moments"]
+__all__ = ["likelihoods", "moments", "residuals"]
 
 _BLOCK = 512  # particles at a time, so that a block stays in the nearest cache
+
+
+@compiled(
+    "int64(float64[:,:,::1],float64[:,::1],float64[:,:,::1],int64[:,::1],int64[::1],float64[::1],float64[::1],"
+    "float64[::1],float64[:,::1],float64[:,:,::1])"
+)
+def residuals(
+    cloud: Any,
+    measured: Any,
+    platforms: Any,
+    parts: Any,
+    chosen: Any,
+    parameters: Any,
+    moduli: Any,
+    space: Any,
+    none: Any,
+    out: Any,
+) -> int:
+    """Write measured (trials, m) minus predicted for clouds (trials, n, N), shape (trials, m, N).
+
+    `platforms` hold one for all trials or one for each; `space` has room for one state and all rows of the kernels;
+    `none` is (0, n).
+
+    Returns
+    -------
+    int
+        -1, or (trial N + particle) 256 + part where a kernel raised.
+    """
+    trials, n, count = cloud.shape
+    state, value = space[:n], space[n:]
+    for t in range(trials):
+        seen = platforms[t if platforms.shape[0] > 1 else 0]
+        for j in range(count):
+            for i in range(n):
+                state[i] = cloud[t, i, j]
+            failed = evaluate(parts, parameters, state, seen, value, none)
+            if failed >= 0:
+                return (t * count + j) * 256 + failed
+            for i in range(chosen.shape[0]):
+                out[t, i, j] = wrapped(measured[t, i] - value[chosen[i]], moduli[i])
+    return -1
 
 
 @compiled("void(float64[:,:,::1],float64[:,::1],float64[:,:,::1],float64[:,:,::1],float64[:,::1])")
