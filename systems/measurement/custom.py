@@ -105,7 +105,7 @@ class CustomMeasurement(MeasurementModel):
             value, slope = linearized(compiled, target, platforms)
         except (TypeError, ValueError) as error:
             raise self._checked.wrong("equations", in_one_line(error)) from error
-        off = np.max(np.abs(value - predicted) / self.sigmas)
+        off = float(np.max(np.abs(value - predicted) / self.sigmas))
         if not off <= _SAME:
             raise self._checked.wrong("equations", f"its kernel is {off:.2g} sigmas off what predict gives")
         off = disagreement(slope, jacobian, value, state_steps(target), _NO_GRADIENT * self.sigmas)

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -250,8 +251,53 @@ def test_a_second_process_compiles_nothing(tmp_path):
     assert list(tmp_path.rglob("*.nbc"))
 
 
-def test_help_does_not_wait_for_numba():
-    script = "import sys, runpy; sys.argv = ['quietfix', '--help']\n"
+@pytest.mark.slow
+def test_two_processes_at_once_fill_one_empty_cache(tmp_path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(Path(__file__).parents[2])}
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-c", SCRIPT], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        for _ in range(2)
+    ]
+    told = [one.communicate(timeout=300) for one in both]
+    assert [one.returncode for one in both] == [0, 0], told
+    assert len({out.partition("]")[2] for out, _ in told}) == 1
+    third = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True)
+    assert third.stdout.startswith("[]")  # what both have written is whole
+
+
+@pytest.mark.slow
+def test_where_neither_folder_can_be_written_the_users_cache_is_taken(tmp_path):
+    """A copy of the package in which a file stands in the place of each folder: root may write everywhere else."""
+    root, package = Path(__file__).parents[2], tmp_path / "copy"
+    for room in ("systems", "diagrams", "quietfix"):
+        leave = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(root / room, package / room, symlinks=True, ignore=leave)
+    for folder in (package / "systems" / "kernels").rglob("*"):
+        if folder.is_dir():
+            (folder / "__pycache__").write_text("")
+    (package / "systems" / "kernels" / "__pycache__").write_text("")
+    (tmp_path / "file").write_text("")
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "file"), "PYTHONPATH": str(package)}
+    environment |= {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+
+    def run():
+        command = [sys.executable, "-c", SCRIPT]
+        return subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True)
+
+    first, second = run(), run()
+    assert first.stdout.startswith("['ranges', 'over_axes']") and second.stdout.startswith("[]")
+    assert not first.stderr and list((tmp_path / "cache" / "quietfix").rglob("*.nbc"))
+    environment["XDG_CACHE_HOME"] = str(tmp_path / "file")
+    third = run()
+    assert third.stdout == first.stdout
+    assert third.stderr.count("compiled code is kept in memory only") == 1
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["show", "three_satellite"]])
+def test_help_and_show_do_not_wait_for_numba(arguments):
+    script = f"import sys, runpy; sys.argv = {['quietfix', *arguments]!r}\n"
     script += "try: runpy.run_module('quietfix', run_name='__main__')\nexcept SystemExit: pass\n"
     script += "print('numba' in sys.modules)"
     root = Path(__file__).parents[2]
