@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 __all__ = ["System", "compare", "find", "load_scenario", "observe", "run_study", "sweep", "verify"]
 
 
+def __dir__() -> list[str]:
+    """Return what is there, what is not imported yet, too: for completion."""
+    return sorted({*globals(), *__all__})
+
+
 def __getattr__(name: str) -> Any:
     """Import on first use: the command line must answer before Drake is loaded."""
     if name in __all__:

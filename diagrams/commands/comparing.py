@@ -126,7 +126,7 @@ def comparison_table(found: Mapping[str, Any]) -> Table:
         "diverged",
         "us",
     )
-    table = Table(f"{name}, {found['trials']} trials, seed {found['seed']}", [Column("estimator"), *titles])
+    table = Table(f"{name}, {_drawn(found)}", [Column("estimator"), *titles])
     for row in _rows(found):
         table.add(*(_starred(cell) for cell in row))
     return table
@@ -150,9 +150,13 @@ def comparison_markdown(found: Sequence[Mapping[str, Any]]) -> str:
     seconds = ", ".join(f"{_named(one)} {one['run_seconds']:.0f} s" for one in found)
     extra = [f"{_named(one)}: {line}." for one in found for line in _lighter(one)]
     extra += [f"{_named(one)}: left out: {n}: {why}." for one in found for n, why in one["left_out"].items()]
-    facts = f"{first['trials']} trials, seed {first['seed']}; {first['machine']}; {seconds}."
+    facts = f"{_drawn(first)}; {first['machine']}; {seconds}."
     lines += ["", f"{facts} {_legend(first)}", *extra]
     return "\n".join(lines) + "\n"
+
+
+def _drawn(found: Mapping[str, Any]) -> str:
+    return f"{found['trials']} trial{'s' * (found['trials'] != 1)}, seed {found['seed']}"
 
 
 def _named(found: Mapping[str, Any]) -> str:

@@ -34,6 +34,7 @@ from quietfix.systems.signal_chain.inter_satellite_link import InterSatelliteLin
 from quietfix.systems.signal_chain.receiver import Receiver
 from quietfix.systems.signal_chain.search_window import SearchWindow
 from quietfix.systems.signal_chain.transmitter import Transmitter
+from quietfix.systems.signals import components_of
 
 __all__ = [
     "QUALITY",
@@ -270,7 +271,11 @@ class SignalChain:
             gives={"quality": "quality", "differences_covariance": "noise_covariance"},
             takes={"main": "main_receiver.iq", "auxiliary": "inter_satellite_link.iq"},
         ).get_name()
-        parts = {"direction": JoinedPart(2, self.direction.noise_covariance()), "differences": JoinedPart(2)}
+        differences = [*components_of(self.tdoa), *components_of(self.fdoa)]
+        parts = {
+            "direction": JoinedPart(2, self.direction.noise_covariance(), components_of(self.direction)),
+            "differences": JoinedPart(2, components=differences),
+        }
         bus.add(
             JoinedMeasurements(parts, bus.trials),
             gives={"measured": "measurement", "noise_covariance": "noise_covariance"},

@@ -16,6 +16,7 @@ from quietfix.systems.clocks import Clock, Periodic, Times
 from quietfix.systems.iq.block import IqBlock
 from quietfix.systems.signal_chain.cross_ambiguity import CrossAmbiguitySensor
 from quietfix.systems.signal_chain.recorded_iq import RecordedIq
+from quietfix.systems.signals import Component
 
 __all__ = ["IqPairs"]
 
@@ -70,6 +71,12 @@ class IqPairs:
     def signals(self) -> list[str]:
         """Names of the signals of all pairs."""
         return [f"{port}_{j}{i}" for i, j in self.pairs for port in PAIR_SIGNALS]
+
+    @staticmethod
+    def rows(pair: tuple[int, int]) -> list[Component]:
+        """Return what is measured of a pair."""
+        i, j = pair
+        return [Component(f"tdoa_{j}{i}", "s"), Component(f"fdoa_{j}{i}", "Hz")]
 
     @property
     def _rate(self) -> float:

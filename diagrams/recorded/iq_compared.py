@@ -70,7 +70,7 @@ class Compared:
             parts=[self.part, *channels, _Joined(self.pairs)],
             assume=_nothing,
             signals={name: name for name in (*signals, "noise_covariance")},
-            rows=[f"{kind}_{j}{i}" for i, j in self.pairs for kind in ("tdoa", "fdoa")],
+            rows=[row.name for pair in self.pairs for row in IqPairs.rows(pair)],
             recorded=Recorded(report=report, keeps=["measurement", *signals]),
         )
 
@@ -184,7 +184,9 @@ class _Joined:
             takes |= {f"pair_{j}{i}": f"measurement_{j}{i}"}
             takes |= {f"pair_{j}{i}_noise_covariance": f"noise_covariance_{j}{i}"}
         joined = JoinedMeasurements(
-            {f"pair_{j}{i}": JoinedPart(2) for i, j in self.pairs}, 1, "all pairs, side by side"
+            {f"pair_{j}{i}": JoinedPart(2, components=IqPairs.rows((i, j))) for i, j in self.pairs},
+            1,
+            "all pairs, side by side",
         )
         bus.add(joined, gives={port: port for port in ("measurement", "noise_covariance")}, takes=takes)
 

@@ -32,7 +32,7 @@ from quietfix.systems.measurement.stack import Stack
 from quietfix.systems.measurement.tdoa import GroundTdoa
 from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
 from quietfix.systems.sensors.joined import JoinedMeasurements, JoinedPart
-from quietfix.systems.signals import Constant
+from quietfix.systems.signals import Constant, components_of
 from quietfix.systems.starts.snapshot_start import SnapshotStart
 
 __all__ = ["SOURCE", "SYSTEM", "KiwiData", "Settings", "declare", "declare_data", "read_folder"]
@@ -64,12 +64,13 @@ class _Joined:
     def __call__(self, bus: Bus) -> None:
         """See `quietfix.diagrams.assembly.model.Part`."""
         bus.add(Constant("surface", [[0.0]]))
-        parts = {f"pair_{j}{i}": JoinedPart(2) for i, j in self.used}
+        parts = {f"pair_{j}{i}": JoinedPart(2, components=IqPairs.rows((i, j))) for i, j in self.used}
+        parts["altitude"] = JoinedPart(1, self.altitude.noise_covariance(), components_of(self.altitude))
         takes = {"altitude": "surface.state"}
         for i, j in self.used:
             takes |= {f"pair_{j}{i}": f"measurement_{j}{i}"}
             takes |= {f"pair_{j}{i}_noise_covariance": f"noise_covariance_{j}{i}"}
-        joined = JoinedMeasurements({**parts, "altitude": JoinedPart(1, self.altitude.noise_covariance())}, 1)
+        joined = JoinedMeasurements(parts, 1)
         bus.add(joined, gives={port: port for port in ("measurement", "noise_covariance")}, takes=takes)
 
 
@@ -115,7 +116,7 @@ def declare_data(data: KiwiData, settings: Settings) -> Model:
     altitude = Altitude(settings.sigma_altitude_m * math.sqrt(epochs))
     tdoa = GroundTdoa(1e-6, [j for _, j in used], path=settings.path)
     model = Stack([tdoa, altitude])
-    rows = [name for i, j in used for name in (f"tdoa_{j}{i}", f"fdoa_{j}{i}")] + list(altitude.names)
+    rows = [*(row.name for pair in used for row in IqPairs.rows(pair)), *altitude.names]
 
     def assume(bus: Bus, name: str, options: Any) -> Assumed:
         start = SnapshotStart(model, rows, _AT_REST, 0.0, noise_port=True, places=starts_on_ground, as_well=AS_WELL)

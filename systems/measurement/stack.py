@@ -28,7 +28,7 @@ class Stack(MeasurementModel):
     Parameters
     ----------
     models : sequence of MeasurementModel
-        What is read together; no two rows may have the same name.
+        What is read together; no two rows may have the same name: where they would, `names` of a model is set first.
     """
 
     def __init__(self, models: Sequence[MeasurementModel]) -> None:
@@ -38,7 +38,7 @@ class Stack(MeasurementModel):
         self.names = tuple(name for model in models for name in model.names)
         self.units = tuple(unit for model in models for unit in model.units)
         if len(set(self.names)) < len(self.names):
-            raise ValueError(f"measurement rows: {list(self.names)} has a name twice")
+            raise ValueError(f"measurement rows: {list(self.names)} has a name twice; set `names` of a model")
         ends = accumulate((model.size for model in models), initial=0)
         self._slices = [slice(a, b) for a, b in pairwise(ends)]
         parts = zip(self._slices, self.models, strict=True)

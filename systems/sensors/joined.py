@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from quietfix.systems.signals import EnsembleBlock
+from quietfix.systems.signals import Component, EnsembleBlock
 
 __all__ = ["JoinedMeasurements", "JoinedPart"]
 
@@ -26,10 +26,13 @@ class JoinedPart:
         Number of its rows.
     noise_covariance : array_like, shape (rows, rows), optional
         Of its errors; None where it comes on a port.
+    components : sequence of Component
+        Names and SI units of its rows; empty: nobody says them.
     """
 
     rows: int
     noise_covariance: ArrayLike | None = None
+    components: Sequence[Component] = ()
 
 
 class JoinedMeasurements(EnsembleBlock):
@@ -67,8 +70,11 @@ class JoinedMeasurements(EnsembleBlock):
             if fixed.shape != (part.rows, part.rows):
                 raise ValueError(f"{port} noise_covariance: shape {fixed.shape} is not allowed; {(part.rows,) * 2}")
             self._fixed[port] = fixed
-        self.declare_output("measurement", trials, size, self._measurement, measured)
-        self.declare_output("noise_covariance", trials, size**2, self._noise, noisy or [self.nothing_ticket()])
+        rows = [row for part in parts.values() for row in part.components]
+        named = rows if len(rows) == size else None
+        square = named and [Component(f"{a.name}_{b.name}", f"{a.unit} {b.unit}") for a in named for b in named]
+        self.declare_output("measurement", trials, size, self._measurement, measured, named)
+        self.declare_output("noise_covariance", trials, size**2, self._noise, noisy or [self.nothing_ticket()], square)
 
     def _measurement(self, context: Context) -> Array:
         return np.concatenate([self.read(context, port) for port in self._parts], axis=-1)

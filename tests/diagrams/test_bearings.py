@@ -61,6 +61,24 @@ def test_lines_that_do_not_cross_ahead_give_no_fix(place, degrees, sigma, tmp_pa
     assert all(one["x_m"] is None and not one["fix"] and not one["believable"] for one in fixes.values())
 
 
+@pytest.mark.parametrize("several", [False, True])
+def test_an_estimator_hides_no_fix_of_the_same_name(several, tmp_path, capsys):
+    """A user's class `Ml`, and `!Ml` under a name of one's own, stand beside the program's own fixes."""
+    place, target = np.column_stack([np.linspace(0, 4e3, 12), np.zeros(12)]), np.array([2e3, 4e3])
+    file = write(tmp_path / "f.csv", place, towards(place, target, np.random.default_rng(6), 1.0), 1)
+    if several:
+        head, *rows = file.read_text().split()
+        named = [f"{row},{name}" for name in ("a", "b") for row in rows]
+        file.write_text("\n".join([f"{head},target", *named]) + "\n")
+    settings = {"settings": ["estimators={ml: !Ekf {}, robust: !Ukf {}}"]}
+    replay("bearings", file=file, out=tmp_path / "out", progress=False, **settings)
+    said = json.loads((tmp_path / "out" / "summary.json").read_text())
+    fixes = said["targets"]["a"]["fixes"] if several else said["fixes"]
+    assert list(fixes) == ["ml", "robust", "ml_estimator", "robust_estimator"]
+    assert fixes["ml"]["x_m"] != fixes["ml_estimator"]["x_m"]
+    assert "ml_estimator" in capsys.readouterr().out
+
+
 def test_a_target_that_is_only_a_direction_gives_no_fix():
     place, target = np.array([[0.0, 0], [50, 0], [100, 0]]), np.array([2e3, 50e3])
     result = judged(place, towards(place, target, np.random.default_rng(1), 0.0) + np.array([1.0, 0, -1.0]), 2.0)

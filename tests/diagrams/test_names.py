@@ -82,6 +82,14 @@ def test_everything_has_units_and_a_line_that_says_what_it_is(system):
     assert found["bound_position"].attrs["units"] == "m" and found["time"].attrs["units"] == "s"
 
 
+@pytest.mark.slow
+def test_rows_that_come_from_samples_have_units():
+    """Time and frequency differences of a cross-ambiguity block, joined with what other blocks measure."""
+    found = run_study("dual_satellite:signal", trials=1, set=["duration_s=1"], estimators=["iekf"], keep="all")
+    assert "unknown" not in {found[n].attrs["units"] for n in found.variables}
+    assert list(found["row_units"].values) == ["rad", "rad", "s", "Hz"]
+
+
 def test_points_of_a_sweep_and_maps_say_what_they_are():
     options = {"estimators": ["iekf"], "trials": 2, "set": ["duration_s=2"]}
     sweep = Sweep(str(OWN / "drone.yaml"), "sensors.tdoa.sigma_ns=20:40:2", **options)

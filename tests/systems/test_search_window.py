@@ -10,7 +10,7 @@ from quietfix.systems.measurement.stack import Stack
 from quietfix.systems.measurement.tdoa import Tdoa
 from quietfix.systems.sensors.joined import JoinedMeasurements, JoinedPart
 from quietfix.systems.signal_chain.search_window import SearchWindow, delay_doppler_spread, direction_belief
-from quietfix.systems.signals import Constant
+from quietfix.systems.signals import Component, Constant, components_of
 from tests.systems.dual_scene import CARRIER, scene
 
 HERE = scene()
@@ -113,3 +113,13 @@ def test_measurements_are_joined_with_their_noise():
         JoinedMeasurements({}, 1)
     with pytest.raises(ValueError, match="a noise_covariance: shape"):
         JoinedMeasurements({"a": JoinedPart(2, [1.0])}, 1)
+
+
+def test_joined_rows_have_the_names_and_units_of_their_parts():
+    parts = {"a": JoinedPart(1, [[4.0]], [Component("up", "m")]), "b": JoinedPart(2, components=components_of(MODEL))}
+    joined = JoinedMeasurements(parts, 1)
+    assert joined.components("measurement") == (("up", "m"), ("tdoa_10", "s"), ("fdoa_10", "Hz"))
+    square = joined.components("noise_covariance")
+    assert len(square) == 9 and square[3] == ("tdoa_10_up", "s m") and square[8] == ("fdoa_10_fdoa_10", "Hz Hz")
+    half = JoinedMeasurements(parts | {"c": JoinedPart(1, [[1.0]])}, 1)  # where one says nothing, nothing is said
+    assert half.components("measurement") == half.components("noise_covariance") == ()

@@ -20,7 +20,7 @@ from quietfix.systems.angles.bearing import to_compass
 from quietfix.systems.fixes.bearing_belief import BearingCost, believable, small_sample_coverage
 from quietfix.systems.fixes.von_mises import DirectionFix, weighted_fix
 
-__all__ = ["MOST", "BearingsReport", "Fix", "blocks_of", "sigma_of"]
+__all__ = ["MOST", "BearingsReport", "Fix", "blocks_of", "shown_as", "sigma_of"]
 
 Array = NDArray[np.float64]
 
@@ -36,11 +36,16 @@ def sigma_of(robust: DirectionFix) -> float:
     return math.radians(min(_degrees(robust.concentration), 60.0))
 
 
+def shown_as(estimator: str) -> str:
+    """Return what an estimator is called beside the fixes ``ml`` and ``robust``, whose names it may have."""
+    return f"{estimator}_estimator" if estimator in ("ml", "robust") else estimator
+
+
 def blocks_of(result: xr.Dataset) -> dict[str, tuple[Array, Array]]:
     """Return position (2,) [m] and covariance (2, 2) [m^2] after the last bearing, by estimator."""
     last = result.isel(trial=0, time=-1)
     return {
-        str(name): (
+        shown_as(str(name)): (
             last["estimate"].sel(estimator=name, state=["x", "y"]).values,
             last["covariance"].sel(estimator=name, state=["x", "y"]).isel(state_=slice(2)).values,
         )
@@ -137,6 +142,8 @@ class BearingsReport:
     def notes(self) -> list[str]:
         """See `Report.notes`."""
         fixes, count = self.fixes.values(), len(self.bearings.azimuth)
+        *most, last = self.blocks
+        blocks = " and ".join(filter(None, [", ".join(most), last]))
         lines = []
         if any(fix.there and not fix.believable for fix in fixes):
             lines.append(
@@ -153,7 +160,7 @@ class BearingsReport:
             f"{_degrees(self.robust.concentration):.2f} deg by the robust fix"
         )
         if np.isnan(self.bearings.sigma).all():
-            lines.append(f"the file has no sigma: lines, iv, ekf and mgekf took {math.degrees(self.sigma):.2f} deg")
+            lines.append(f"the file has no sigma: {blocks} took {math.degrees(self.sigma):.2f} deg")
         held = small_sample_coverage(count)
         if held < _HELD and any(fix.there for fix in fixes):
             who = "all methods" if np.isnan(self.bearings.sigma).all() else "ml and robust"
@@ -164,8 +171,8 @@ class BearingsReport:
             )
         if count > MOST:
             lines.append(
-                f"lines, iv, ekf and mgekf took {MOST} of the {count} bearings, drawn at random from equal stretches "
-                "of the file; ml and robust took all"
+                f"{blocks} took {MOST} of the {count} bearings, drawn at random from equal stretches of the file; "
+                "ml and robust took all"
             )
         return lines + self._aside()
 

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from quietfix.diagrams.console.tables import Column, Table
 from quietfix.diagrams.readers.bearings_file import Bearings, Target
-from quietfix.diagrams.recorded.reports.bearings_report import BearingsReport
+from quietfix.diagrams.recorded.reports.bearings_report import BearingsReport, shown_as
 from quietfix.diagrams.statistics.epochs import along
 from quietfix.diagrams.writers.fixes import PlaneTrack, write_plane
 from quietfix.systems.fixes.moving_bearings import moving_fix, robust_moving_fix
@@ -137,7 +137,7 @@ def _blocks(result: xr.Dataset, k: int, moving: bool) -> dict[str, tuple[Array, 
     last = {axis: int(np.flatnonzero(np.isfinite(one["time"].values))[-1])}
     at = one.isel(last)
     return {
-        str(name): (
+        shown_as(str(name)): (
             at["estimate"].sel(estimator=name, state=states).values,
             at["covariance"].sel(estimator=name, state=states).isel(state_=slice(len(states))).values,
         )
@@ -274,6 +274,8 @@ class TargetsReport:
             lines.append("* do not believe its sigmas: the bearings do not bear them out")
         lines += self._unprinted()
         north = "true north" if self._geodetic else "the y axis (grid north)"
+        others = dict.fromkeys(name for fixes, _ in self.located.values() for name in list(fixes)[2:])
+        lines.append(f"with --out, summary.json and estimates.csv also have the fixes of {', '.join(others)}")
         lines += [f"bearings are taken as clockwise from {north}; --set correction_deg=... turns them", self._sigma()]
         return [line for line in lines if line] + self._aside()
 
