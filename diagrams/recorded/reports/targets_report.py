@@ -272,10 +272,10 @@ class TargetsReport:
         shown = [fixes[method] for fixes, _ in self.located.values() for method in _SHOWN if method in fixes]
         if any(fix.there and not fix.believable for fix in shown):
             lines.append("* do not believe its sigmas: the bearings do not bear them out")
+        others = dict.fromkeys(name for fixes, _ in self.located.values() for name in fixes if name not in _SHOWN)
+        lines.append(f"with --out, summary.json and estimates.csv also have the fixes of {', '.join(others)}")
         lines += self._unprinted()
         north = "true north" if self._geodetic else "the y axis (grid north)"
-        others = dict.fromkeys(name for fixes, _ in self.located.values() for name in list(fixes)[2:])
-        lines.append(f"with --out, summary.json and estimates.csv also have the fixes of {', '.join(others)}")
         lines += [f"bearings are taken as clockwise from {north}; --set correction_deg=... turns them", self._sigma()]
         return [line for line in lines if line] + self._aside()
 
