@@ -2,4 +2,5 @@
 
 from quietfix.diagrams.commands.command_line import main
 
-main()
+if __name__ == "__main__":  # and not where a worker process imports it
+    main()

@@ -62,8 +62,8 @@ class Plan:
             raise ValueError("it is no plan")
         return cls(found["asked"], *sizes)
 
-    def refuse_other(self, other: Plan) -> None:
-        """Refuse to go on with another run than this one.
+    def refuse_other(self, other: Plan, option: str = "--resume", words: str = "the run that was interrupted") -> None:
+        """Refuse to go on with another run than this one; for the message the option, and what this one is.
 
         Raises
         ------
@@ -72,7 +72,7 @@ class Plan:
         """
         mine, its = ({"trials": plan.trials, **plan.asked, "chunk": plan.chunk} for plan in (self, other))
         for key, was, now in _differences(mine, its):
-            raise UserError(f"--resume: {key}: {now} is not allowed; the run that was interrupted has {was}")
+            raise UserError(f"{option}: {key}: {now} is not allowed; {words} has {was}")
 
 
 _NONE = object()

@@ -9,6 +9,7 @@ import typer
 
 from quietfix.diagrams.commands.arguments import (
     CHUNK,
+    COMPARED,
     DATA,
     ESTIMATOR,
     EVERY,
@@ -24,6 +25,7 @@ from quietfix.diagrams.commands.arguments import (
     RESUME,
     RUN_SEED,
     SCENARIO,
+    SCHEDULER,
     SEED,
     SET,
     SYSTEM,
@@ -32,6 +34,8 @@ from quietfix.diagrams.commands.arguments import (
     TRUST,
     TRUTH,
     TYPE,
+    VARY,
+    WORKERS,
     WRITE_MEASUREMENTS,
     number,
     whole,
@@ -152,6 +156,8 @@ def run(
     threads: Annotated[int, THREADS] = 1,
     out: Annotated[Path | None, RESULTS] = None,
     resume: Annotated[Path | None, RESUME] = None,
+    workers: Annotated[int | None, WORKERS] = None,
+    scheduler: Annotated[str | None, SCHEDULER] = None,
     overwrite: Annotated[bool, OVERWRITE] = False,
     trust: Annotated[bool, TRUST] = False,
     data: Annotated[list[Path] | None, DATA] = None,
@@ -183,7 +189,18 @@ def run(
         "platforms": platforms,
         "write_measurements": write_measurements or None,
     }
-    run_command(system, {k: v for k, v in asked.items() if v is not None}, from_, out, overwrite, trust, resume=resume)
+    run_command(
+        system,
+        {k: v for k, v in asked.items() if v is not None},
+        from_,
+        out,
+        overwrite,
+        trust,
+        True,
+        resume,
+        workers,
+        scheduler,
+    )
 
 
 @app.command()
@@ -279,15 +296,7 @@ def observe(
 @app.command()
 def compare(
     systems: Annotated[list[str], typer.Argument(metavar="SYSTEM[:VARIANT]...", help="One or more systems.")],
-    estimators: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--estimator",
-            metavar="NAME",
-            help="Names of the scenario or registry, package.module:Class, `default` or `all`.  [default: those of "
-            "the scenario, and ekf, iekf, ukf, pf]",
-        ),
-    ] = None,
+    estimators: Annotated[list[str] | None, COMPARED] = None,
     trials: Annotated[int | None, TRIALS] = None,
     seed: Annotated[int, SEED] = 0,
     at: Annotated[
@@ -311,15 +320,7 @@ def compare(
 @app.command()
 def sweep(
     system: Annotated[str, SYSTEM],
-    vary: Annotated[
-        str,
-        typer.Option(
-            metavar="KEY=A:B:N",
-            help="Field of the scenario and its values: from A to B in N points, KEY=log:A:B:N by a factor, or "
-            "KEY=V1,V2,...",
-            show_default=False,
-        ),
-    ],
+    vary: Annotated[str, VARY],
     estimators: Annotated[list[str] | None, ESTIMATOR] = None,
     trials: Annotated[int, typer.Option(parser=whole, metavar="N", help="Monte Carlo trials.")] = 100,
     seed: Annotated[int, SEED] = 0,

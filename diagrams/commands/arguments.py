@@ -6,6 +6,7 @@ import typer
 
 __all__ = [
     "CHUNK",
+    "COMPARED",
     "DATA",
     "ESTIMATOR",
     "EVERY",
@@ -21,6 +22,7 @@ __all__ = [
     "RESUME",
     "RUN_SEED",
     "SCENARIO",
+    "SCHEDULER",
     "SEED",
     "SET",
     "SYSTEM",
@@ -29,6 +31,8 @@ __all__ = [
     "TRUST",
     "TRUTH",
     "TYPE",
+    "VARY",
+    "WORKERS",
     "WRITE_MEASUREMENTS",
     "number",
     "whole",
@@ -115,3 +119,22 @@ RESUME = typer.Option(
     "is given must be what that run was asked for.",
 )
 TRUST = typer.Option("--trust", help="With --from or --resume: import the system and the classes that are named there.")
+WORKERS = typer.Option(
+    "--workers", parser=whole, metavar="N", help="Run chunks in N processes of this machine; the numbers are the same."
+)
+SCHEDULER = typer.Option(
+    "--scheduler",
+    metavar="tcp://HOST:PORT",
+    help="Run chunks on the cluster of this `dask scheduler`; its workers need the same Quietfix, and your files.",
+)
+COMPARED = typer.Option(
+    "--estimator",
+    metavar="NAME",
+    help="Names of the scenario or registry, package.module:Class, `default` or `all`.  [default: those of "
+    "the scenario, and ekf, iekf, ukf, pf]",
+)
+VARY = typer.Option(
+    metavar="KEY=A:B:N",
+    help="Field of the scenario and its values: from A to B in N points, KEY=log:A:B:N by a factor, or KEY=V1,V2,...",
+    show_default=False,
+)

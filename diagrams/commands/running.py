@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,13 +41,17 @@ def run_command(
     trust: bool = False,
     progress: bool = True,
     resume: Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
 ) -> Report | None:
     """Run a study, print its table and write its folder; return what a recording tells; see ``quietfix run --help``."""
-    from quietfix.diagrams.scale.resuming import interrupted, run_into
+    from quietfix.diagrams.scale.asked import writes_itself
+    from quietfix.diagrams.scale.resuming import interrupted, joined, run_into
+    from quietfix.diagrams.scale.workers import check_workers, parts_by
     from quietfix.diagrams.statistics.metrics import summarise
-    from quietfix.diagrams.studies.whole import join
 
     began = time.monotonic()
+    check_workers(workers, scheduler, asked.get("threads", 1))
     before = None if resume is None else interrupted(resume, system, out, from_)
     if resume is not None:
         out = resume if before is None else before.final
@@ -60,7 +63,8 @@ def run_command(
             print(f"{before.final} is finished: nothing is left to run")
             return None
     if out is None:
-        dataset = join(list(study.chunks(progress)))
+        every = range(plan.chunks)
+        dataset = joined(study, parts_by(study, plan, every, progress, workers, scheduler))
         report = study.report(dataset)
         _print_all(dataset, summarise(dataset), report, study.recorded is not None)
         return report
@@ -69,7 +73,7 @@ def run_command(
     except Finished:
         return None
     with folder:
-        dataset = run_into(folder, study, study.parts(progress, numbers=folder.left))
+        dataset = run_into(folder, study, parts_by(study, plan, folder.left, progress, workers, scheduler))
         estimators = summarise(dataset)
         report = study.report(dataset)
         told = None if report is None else report.summary()
@@ -77,7 +81,7 @@ def run_command(
         _illustrate(dataset, study, folder.work)
         if report is not None:
             report.draw(folder.work)
-        if write and not _writes_itself(study.found):
+        if write and not writes_itself(study.found):
             from quietfix.diagrams.own.writing import write_measurements, write_truth
 
             write_measurements(dataset, study.request.scenario, folder.work / "measurements.csv")
@@ -85,11 +89,15 @@ def run_command(
             _write_message(study.request.scenario, folder.work)
         folder.finish()
     _print_all(open_result(folder.final), estimators, report, study.recorded is not None)
-    kinds = ("estimates", "measurements", "truth")
-    tables = ", ".join(path.name for kind in kinds for path in sorted(out.glob(f"{kind}[._]*")))
-    others = f", {tables}" if tables else ""
-    print(f"wrote {out}: results.zarr, summary.json, figures, diagram.svg{others} ({time.monotonic() - began:.1f} s)")
+    seconds = f"{time.monotonic() - began:.1f} s"
+    print(f"wrote {out}: results.zarr, summary.json, figures, diagram.svg{_others(out)} ({seconds})")
     return report
+
+
+def _others(folder: Path) -> str:
+    """Return the tables in a folder, for the line that says what is written."""
+    tables = [path.name for kind in ("estimates", "measurements", "truth") for path in folder.glob(f"{kind}[._]*")]
+    return "".join(f", {name}" for name in sorted(tables))
 
 
 def _write_message(scenario: Any, folder: Path) -> None:
@@ -115,7 +123,7 @@ def _asked_for(
     before: Earlier | None = None,
 ) -> tuple[Study, bool]:
     """Return the study that a command line asks for, and whether its measurements are written."""
-    from quietfix.diagrams.studies.study import Study
+    from quietfix.diagrams.scale.asked import built
 
     options = dict(asked)
     fed = {key: options.pop(key, None) for key in ("measurements", "truth")}
@@ -144,18 +152,7 @@ def _asked_for(
         options["set"] = with_measurements(found, options.get("set"), **fed)
     if write:
         options = _to_be_written(options, out)
-    study = Study(found, **options)
-    if (
-        write and not _writes_itself(study.found) and "raw" in study.probe.bus
-    ):  # what is measured, before phases are resolved
-        signals = {**study.model.signals, "raw": "raw"}
-        study = Study(found, **options, model=replace(study.model, signals=signals))
-    return study, bool(write)
-
-
-def _writes_itself(found: Found) -> bool:
-    """Return whether measurements are what a recording gives anyway."""
-    return not found.system.estimates
+    return built(found, options, bool(write)), bool(write)
 
 
 def _to_be_written(options: Mapping[str, Any], out: Path | None) -> dict[str, Any]:

@@ -21,8 +21,9 @@ from quietfix.diagrams.studies.output import OutputFolder
 from quietfix.diagrams.studies.results import open_result
 from quietfix.diagrams.studies.store import read_attributes
 from quietfix.diagrams.studies.study import Study
+from quietfix.diagrams.studies.whole import join
 
-__all__ = ["Earlier", "earlier", "interrupted", "run_into", "say_interrupted"]
+__all__ = ["Earlier", "earlier", "interrupted", "joined", "run_into", "say_interrupted"]
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,14 @@ def run_into(folder: OutputFolder, study: Study, parts: Iterable[Part]) -> xr.Da
     bounds = study.bounds(added(folder.ledger.sums()), times)
     folder.add(described(xr.Dataset(bounds, attrs=study.attributes())))
     return open_result(folder.store)
+
+
+def joined(study: Study, parts: Iterable[Part]) -> xr.Dataset:
+    """Return the result of a study from its chunks in any order."""
+    ordered = sorted(parts, key=lambda part: part.number)
+    whole = join([part.dataset for part in ordered])
+    bounds = study.bounds(added(part.sums for part in ordered), whole["time"].values)
+    return described(whole.assign(bounds))
 
 
 def say_interrupted(folder: OutputFolder) -> None:

@@ -107,6 +107,7 @@ def shorten(monkeypatch):
     monkeypatch.setattr(
         "quietfix.diagrams.commands.mapping.map_figures", lambda of, scenario, folder: (folder / "m.png").touch()
     )
+    monkeypatch.setattr("quietfix.diagrams.scale.asked.Study", ShortStudy)
     monkeypatch.setattr("quietfix.diagrams.studies.study.Study", ShortStudy)
     monkeypatch.setattr("quietfix.diagrams.assembly.drawing.draw", draw)
     monkeypatch.setattr("quietfix.diagrams.statistics.metrics.summarise", lambda dataset: {})

@@ -1,0 +1,35 @@
+"""The study that a command line, an earlier result or another process asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from quietfix.diagrams.assembly.find import Found
+from quietfix.diagrams.studies.study import Study
+
+__all__ = ["built", "writes_itself"]
+
+
+def writes_itself(found: Found) -> bool:
+    """Return whether measurements are what a recording gives anyway."""
+    return not found.system.estimates
+
+
+def built(found: Found | str, options: Mapping[str, Any], write: bool) -> Study:
+    """Return a study.
+
+    Parameters
+    ----------
+    found : Found or str
+    options : mapping
+        As of `Study`.
+    write : bool
+        Whether its measurements are written: what is measured, before phases are resolved, is kept then, too.
+    """
+    study = Study(found, **options)
+    if write and not writes_itself(study.found) and "raw" in study.probe.bus:
+        signals = {**study.model.signals, "raw": "raw"}
+        study = Study(found, **options, model=replace(study.model, signals=signals))
+    return study
