@@ -19,6 +19,7 @@ from quietfix.systems.iq.resample import resampled
 __all__ = ["Alike", "alike", "check", "lost"]
 
 _AS_LOW = 1.001
+_MOSTLY = 0.5  # of the longest recording: less of it in common is told
 
 Parts = list[IqBlock]
 
@@ -147,8 +148,15 @@ def lost(
             begins, ends = (np.array([p.start_time[0] + k * p.duration for p in parts]) for k in (0, 1))
             missing = float(np.maximum(begins[1:] - ends[:-1], 0.0).sum())
             lines.append(f"{name}: {len(parts)} captures that do not follow each other, {missing:.6g} s between them")
+    total = sum(piece.duration for piece in common)
+    heard = {name: sum(part.duration for part in parts) for name, parts in blocks.items()}
+    longest = max(heard, key=heard.__getitem__)
+    if total < _MOSTLY * heard[longest]:
+        lines.append(
+            f"only {total:.4g} s are compared, of the {heard[longest]:.4g} s of {longest}: what all have in common; "
+            f"the shortest is {min(heard, key=heard.__getitem__)} with {min(heard.values()):.4g} s; is a file cut?"
+        )
     if len(common) > 1:
-        total = sum(piece.duration for piece in common)
         too_short = f"; {short} of them are shorter than a comparison, and left out" if short else ""
         lines.append(f"the recordings have {total:.6g} s in common, in {len(common)} pieces{too_short}")
     return lines

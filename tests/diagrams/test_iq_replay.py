@@ -167,6 +167,17 @@ def test_cut_off_data(tmp_path, signals, files, capsys):
         assert said in refused(capsys, [files[0], path])
 
 
+def test_a_recording_that_is_much_shorter_is_named(tmp_path, signals):
+    """A fifth of one recording: the other four fifths of the rest are compared with nothing."""
+    files = [write(tmp_path, f"r{k}", x[: SIZE // 5 if k == 1 else SIZE]) for k, x in enumerate(signals)]
+    notes = compare([one for path in files for one in read_sigmf(path)], Settings()).notes()
+    told = [note for note in notes if note.startswith("only")]
+    assert told == [
+        "only 0.04 s are compared, of the 0.2 s of r0: what all have in common; the shortest is r1 with 0.04 s; "
+        "is a file cut?"
+    ]
+
+
 def test_what_does_not_fit(tmp_path, signals, files, capsys):
     short = write(tmp_path, "short", signals[0][:1000])
     line = refused(capsys, [files[0], short, "--set", "integration_s=0.1"])
