@@ -1,1 +1,5 @@
-"""Studies of studies: comparisons, sweeps, observability."""
+"""Studies of studies: comparisons, sweeps, observability.
+
+May import: diagrams.assembly, diagrams.quantities, diagrams.schema, diagrams.statistics, diagrams.studies, systems,
+systems.estimators.
+"""

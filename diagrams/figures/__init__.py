@@ -1,4 +1,7 @@
-"""Figures of a study; one file of functions per kind, `study_figures` draws them all."""
+"""Figures of a study; one file of functions per kind, `study_figures` draws them all.
+
+May import: diagrams.quantities, diagrams.statistics, systems.ambiguity, systems.filters.
+"""
 
 from __future__ import annotations
 

@@ -1,1 +1,4 @@
-"""What the components of a state are: names, units, directions, and the frames that they are in."""
+"""What the components of a state are: names, units, directions, and the frames that they are in.
+
+May import: diagrams.schema, systems.earth, systems.motion.
+"""

@@ -1,1 +1,4 @@
-"""What a scenario may say, how it is read and checked, and the one kind of error that a user sees."""
+"""What a scenario may say, how it is read and checked, and the one kind of error that a user sees.
+
+May import: systems.
+"""

@@ -3,4 +3,6 @@
 `specification` is the file, `metric` what is measured of each trial, `statistics` the confidence intervals over the
 trials, `sequential` the looks and the verdict, `trials` the study that grows, `verify` all together. Nothing is
 imported here: pytest loads the plugin of this package in every session.
+
+May import: diagrams.assembly, diagrams.quantities, diagrams.schema, diagrams.statistics, diagrams.studies, systems.
 """

@@ -1,1 +1,4 @@
-"""What the air and the ionosphere add to ranges, delays and Doppler shifts. Pure NumPy over leading axes."""
+"""What the air and the ionosphere add to ranges, delays and Doppler shifts. Pure NumPy over leading axes.
+
+May import: systems, systems.measurement.
+"""

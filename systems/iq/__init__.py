@@ -1,1 +1,4 @@
-"""Complex baseband samples: what they are, how they are made and how they travel."""
+"""Complex baseband samples: what they are, how they are made and how they travel.
+
+May import: systems, systems.earth.
+"""

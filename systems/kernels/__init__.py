@@ -2,4 +2,6 @@
 
 Other rooms import `equations`, `updating`, `loading` and `progress`; what imports numba, which takes most of a second,
 is loaded by `quietfix.systems.kernels.loading` when it is first needed.
+
+May import: nothing of ours.
 """

@@ -1,1 +1,4 @@
-"""Motion: how things move, as pure functions of state and time; nothing here knows Drake."""
+"""Motion: how things move, as pure functions of state and time; nothing here knows Drake.
+
+May import: systems, systems.kernels, systems.trajectories.
+"""

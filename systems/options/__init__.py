@@ -1,1 +1,4 @@
-"""What may stand under ``estimators:``; a new one is its file here and a line in `quietfix.systems.registry`."""
+"""What may stand under ``estimators:``; a new one is its file here and a line in `quietfix.systems.registry`.
+
+May import: systems, systems.estimators, systems.filters, systems.measurement, systems.motion, systems.starts.
+"""

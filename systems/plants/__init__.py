@@ -1,1 +1,4 @@
-"""Plants: the blocks that produce truth."""
+"""Plants: the blocks that produce truth.
+
+May import: systems, systems.earth, systems.motion, systems.trajectories.
+"""

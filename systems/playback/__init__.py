@@ -1,1 +1,4 @@
-"""Blocks that play one of several recorded tracks, so that one diagram serves all of them."""
+"""Blocks that play one of several recorded tracks, so that one diagram serves all of them.
+
+May import: systems.
+"""

@@ -1,6 +1,7 @@
 """Rooms of the code: what each is for is said in its docstring, and imports point one way, without a circle."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,17 @@ def edges():
     return found
 
 
+@cache
+def all_edges():
+    """The same for all rooms, worked out once."""
+    return edges()
+
+
+def edges_of(name):
+    """Rooms that a room imports from."""
+    return all_edges().get(name, {})
+
+
 def circle(below):
     """What is left of a graph when again and again all that lean on nothing are taken away: its circles."""
     left = set(below)
@@ -79,6 +91,24 @@ def test_no_circle_of_files():
 def test_a_circle_would_be_found():
     assert circle({"a": {"b"}, "b": {"c"}, "c": set()}) == set()
     assert circle({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == {"a", "b", "c"}
+
+
+def told(name):
+    """A room as docstrings name it: by its top one where it is not within the same."""
+    return ".".join(name.split(".")[:2])
+
+
+def permitted(name):
+    """What the docstring of a room says that it may import."""
+    text = ast.get_docstring(ast.parse(MODULES[name].read_text())).partition("May import: ")[2]
+    return set(" ".join(text.split()).removesuffix(".").split(", "))
+
+
+@pytest.mark.parametrize("name", sorted({room(module) for module in MODULES} - {"systems", "diagrams"}))
+def test_a_room_imports_what_it_says(name):
+    used = {other if told(other) == told(name) else told(other) for other in edges_of(name)}
+    assert used - permitted(name) == set()
+    assert permitted(name) - used - {"nothing of ours"} == set()
 
 
 def figures():

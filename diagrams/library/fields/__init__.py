@@ -1,1 +1,4 @@
-"""What the scenarios of the packaged systems say."""
+"""What the scenarios of the packaged systems say.
+
+May import: diagrams.parts, systems, systems.estimators, systems.options.
+"""

@@ -1,1 +1,4 @@
-"""What a recording of arrival times is made of as text: cells, names of columns, identifiers."""
+"""What a recording of arrival times is made of as text: cells, names of columns, identifiers.
+
+May import: diagrams.schema, systems.
+"""

@@ -1,1 +1,4 @@
-"""Files about one satellite that is heard: two-line elements, received frequencies, where the station is."""
+"""Files about one satellite that is heard: two-line elements, received frequencies, where the station is.
+
+May import: diagrams.readers, diagrams.schema, systems, systems.earth.
+"""

@@ -1,1 +1,4 @@
-"""Recordings of complex or real samples: SigMF, WAV, and files of nothing but samples."""
+"""Recordings of complex or real samples: SigMF, WAV, and files of nothing but samples.
+
+May import: diagrams.schema, systems, systems.earth, systems.iq.
+"""

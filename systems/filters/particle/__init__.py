@@ -1,1 +1,4 @@
-"""Particle filters: pure functions over trials and particles."""
+"""Particle filters: pure functions over trials and particles.
+
+May import: systems.filters, systems, systems.kernels, systems.measurement, systems.motion.
+"""

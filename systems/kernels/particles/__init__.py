@@ -1,1 +1,4 @@
-"""Compiled loops over the particles of clouds (trials, n, N): motion, likelihood, moments, resampling."""
+"""Compiled loops over the particles of clouds (trials, n, N): motion, likelihood, moments, resampling.
+
+May import: systems.kernels.
+"""

@@ -1,1 +1,4 @@
-"""Compiled parts of the ranging equation."""
+"""Compiled parts of the ranging equation.
+
+May import: systems.kernels.
+"""

@@ -1,1 +1,4 @@
-"""Whole steps of an estimator in one compiled call."""
+"""Whole steps of an estimator in one compiled call.
+
+May import: systems.kernels.
+"""
