@@ -7,6 +7,7 @@ import weakref
 from typing import Any
 
 from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.kernels.progress import loading_seconds
 
 __all__ = ["Stopwatch"]
 
@@ -14,8 +15,8 @@ __all__ = ["Stopwatch"]
 class Stopwatch:
     """Time spent in an estimator's own `first`, `predict`, `update`, `step_at_once` and `moments`.
 
-    Ports, caches, sensors and scores are not in it, nor blocks before the estimator. It is the processor time of this
-    thread, so that other programs on the machine do not count.
+    Ports, caches, sensors and scores are not in it, nor blocks before the estimator, nor the compiling of what is used
+    for the first time. It is the processor time of this thread, so that other programs on the machine do not count.
 
     Parameters
     ----------
@@ -47,13 +48,13 @@ class Stopwatch:
             if self._depth:  # one of the watched calls another
                 return method(own(), *arguments)
             self._depth += 1
-            began = time.thread_time()
+            began = time.thread_time() - loading_seconds()
             result: Any = None
             try:
                 result = method(own(), *arguments)
                 return result
             finally:
-                self.seconds += time.thread_time() - began
+                self.seconds += time.thread_time() - loading_seconds() - began
                 self.steps += name == "update" or (name == "step_at_once" and result is True)
                 self._depth -= 1
 

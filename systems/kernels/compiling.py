@@ -14,7 +14,7 @@ from typing import Any, cast
 import numba
 from numba.core import caching, config
 
-from quietfix.systems.kernels.progress import say_compiled, say_compiling, say_uncached
+from quietfix.systems.kernels.progress import noting_loading, say_compiled, say_compiling, say_uncached
 
 __all__ = ["compiled", "inlined", "load", "summing"]
 
@@ -56,7 +56,8 @@ def load(dispatcher: Any) -> Any:
     if not dispatcher.overloads:
         dispatcher._cache = _cache_of(dispatcher.py_func)
         try:
-            dispatcher.compile(dispatcher.declared)
+            with noting_loading():
+                dispatcher.compile(dispatcher.declared)
         finally:
             if dispatcher._cache.told:
                 say_compiled()

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
-__all__ = ["on_compiling", "say_compiled", "say_compiling", "say_uncached"]
+__all__ = [
+    "loading_seconds",
+    "noting_loading",
+    "on_compiling",
+    "say_compiled",
+    "say_compiling",
+    "say_uncached",
+]
 
 _log = logging.getLogger("quietfix")
 _listeners: list[Callable[[str], None]] = []
 _said: set[str] = set()
+_spent = [0.0]
 
 
 def on_compiling(listener: Callable[[str], None]) -> None:
@@ -42,3 +52,18 @@ def say_uncached(reason: str) -> None:
     if "uncached" not in _said:
         _said.add("uncached")
         _log.warning("compiled code is kept in memory only and made again in every run: %s", reason)
+
+
+def loading_seconds() -> float:
+    """Return the processor time [s] that compiling, and loading what was compiled, has taken in this process."""
+    return _spent[0]
+
+
+@contextmanager
+def noting_loading() -> Iterator[None]:
+    """Count the processor time of this thread, spent within, as that of loading; not to be nested."""
+    began = time.thread_time()
+    try:
+        yield
+    finally:
+        _spent[0] += time.thread_time() - began

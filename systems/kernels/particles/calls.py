@@ -35,7 +35,7 @@ def moved(cloud: Array, phi: Array, offset: Array, root: Array, white: Array, ou
         plain(cloud),
         plain(phi.reshape(-1, n, n)),
         plain(offset),
-        plain(root.reshape(-1, n, root.shape[-1])),
+        plain(root if root.ndim == 3 else root[None]),
         plain(white),
         found,
     )
@@ -52,7 +52,7 @@ def moved_by_kernel(step: Step, held: Array | None, cloud: Array, root: Array, w
     """
     n = cloud.shape[1]
     inputs = NO_INPUT if held is None else plain(held[..., None, :].reshape(-1, 1, held.shape[-1]))
-    noise = plain(root.reshape(-1, n, root.shape[-1]))
+    noise = plain(root if root.ndim == 3 else root[None])
     code = ready("particles.moving:by_kernel")(
         plain(cloud), inputs, step.parts, step.parameters, noise, plain(white), np.empty((0, n)), out
     )
