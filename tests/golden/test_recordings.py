@@ -25,9 +25,12 @@ def test_as_recorded(title, request):
         # Another processor or NumPy rounds otherwise: an FFT's peak, and where an iteration stops, move by some 1e-7.
         # With 3 km at one receiver and no gate some fixes end thousands of kilometres off, and hang on the last bit.
         wild = (title, name) == ("locards with faults", "error_no_gate")
-        rtol = 1e-9 if SAME and not wild else 1e-6
+        # Elsewhere the peak of a noisy block of kiwisdr, sure to microseconds, has moved by 0.9 ns of 0.43 ms.
+        elsewhere = 1e-5 if title.startswith("kiwisdr") else 1e-6
+        rtol = 1e-9 if SAME and not wild else elsewhere
         kept, old = (np.array(part, dtype=float) for part in (_kept(values), before["elements"]))
         # errors of locards are differences of Earth-fixed positions, of which 1e-9 is 6 mm
         least = rtol * 6.4e6 if name.startswith("error") else rtol * np.nanmax(np.abs(old), initial=0.0)
         np.testing.assert_allclose(kept, old, rtol=rtol, atol=least, err_msg=name)
-        np.testing.assert_allclose(array["sums"], before["sums"], rtol=rtol, atol=least, err_msg=name)
+        summed = max(least, rtol * before["sums"][0])
+        np.testing.assert_allclose(array["sums"], before["sums"], rtol=rtol, atol=summed, err_msg=name)
