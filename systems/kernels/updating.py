@@ -11,7 +11,7 @@ from quietfix.systems.kernels.equations import Program, Step
 from quietfix.systems.kernels.loading import ready
 from quietfix.systems.kernels.sharing import Parts, call
 
-__all__ = ["NO_INPUT", "by_kernel", "by_matrix", "extended", "fail", "fit", "plain", "raised"]
+__all__ = ["NO_INPUT", "by_kernel", "by_matrix", "by_update", "extended", "fit", "plain", "raised"]
 
 Array = NDArray[np.float64]
 
@@ -69,31 +69,34 @@ def extended(
     ValueError
         Where R is not positive definite, platforms are too few, or a user's kernel raised.
     """
-    trials, n = mean.shape
-    m = measurement.shape[-1]
+    size = workspace(mean.shape[-1], measurement.shape[-1], program.rows)
+    given = mean, covariance, measurement, platforms, noise
+    return by_update("extended:update", _UPDATE, given, program, (iterations, tolerance), size)
+
+
+def by_update(
+    name: str,
+    parts: Parts,
+    given: tuple[Array, Array, Array, Array, Array],
+    program: Program,
+    settings: tuple[float, ...],
+    size: int,
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return what the compiled update `name` makes of mean, covariance, measurement, platforms and noise.
+
+    `settings` are the filter's own arguments, and it works in `size` numbers; see `extended`.
+    """
+    mean, _, measurement, platforms, noise = given
+    (trials, n), m = mean.shape, measurement.shape[-1]
     fit(program, n, platforms)
     if noise.ndim == 2:
         noise = noise[None]
-    states, spread, seen = plain(mean), plain(covariance), plain(platforms)
+    taken = [plain(array) for array in (*given[:4], noise)]
     out = np.empty((trials, n)), np.empty((trials, n, n)), np.empty((trials, m)), np.empty(trials), np.empty(trials)
-    arguments = (
-        states,
-        spread,
-        plain(measurement),
-        seen,
-        plain(noise),
-        program.parts,
-        program.chosen,
-        program.parameters,
-        program.moduli,
-        iterations,
-        tolerance,
-        np.empty(workspace(n, m, program.rows)),
-        *out,
-    )
-    code = call(ready("extended:update"), arguments, trials, _UPDATE)
+    equations = program.parts, program.chosen, program.parameters, program.moduli
+    code = call(ready(name), (*taken, *equations, *settings, np.empty(size), *out), trials, parts)
     if code:
-        fail(code, program, states, seen)
+        _fail(code, program, taken[0], taken[3])
     return out
 
 
@@ -102,7 +105,7 @@ def workspace(n: int, m: int, rows: int) -> int:
     return 5 * n + 3 * m + rows * (n + 1) + 6 * n * n + 2 * m * n + 2 * m * m
 
 
-def fail(code: int, program: Program, states: Array, platforms: Array) -> None:
+def _fail(code: int, program: Program, states: Array, platforms: Array) -> None:
     """Raise what an update returned; see `quietfix.systems.kernels.extended.update`."""
     trial, part, reason = code >> 12, (code >> 4) & 255, code & 15
     if reason in _REASONS:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from quietfix.systems.kernels.equations import Program, Step
 from quietfix.systems.kernels.loading import ready
 from quietfix.systems.kernels.sharing import Parts, call
-from quietfix.systems.kernels.updating import NO_INPUT, fail, fit, plain
+from quietfix.systems.kernels.updating import NO_INPUT, by_update, plain
 
 __all__ = ["predicted", "updated"]
 
@@ -39,31 +39,9 @@ def updated(
     ValueError
         Where R is not positive definite, platforms are too few, or a user's kernel raised.
     """
-    trials, n = mean.shape
-    m = measurement.shape[-1]
-    fit(program, n, platforms)
-    if noise.ndim == 2:
-        noise = noise[None]
-    states, spread, seen = plain(mean), plain(covariance), plain(platforms)
-    out = np.empty((trials, n)), np.empty((trials, n, n)), np.empty((trials, m)), np.empty(trials), np.empty(trials)
-    arguments = (
-        states,
-        spread,
-        plain(measurement),
-        seen,
-        plain(noise),
-        program.parts,
-        program.chosen,
-        program.parameters,
-        program.moduli,
-        *weights,
-        np.empty(_workspace(n, m, program.rows)),
-        *out,
-    )
-    code = call(ready("unscented.update:update"), arguments, trials, _UPDATE)
-    if code:
-        fail(code, program, states, seen)
-    return out
+    size = _workspace(mean.shape[-1], measurement.shape[-1], program.rows)
+    given = mean, covariance, measurement, platforms, noise
+    return by_update("unscented.update:update", _UPDATE, given, program, weights, size)
 
 
 def _workspace(n: int, m: int, rows: int) -> int:
