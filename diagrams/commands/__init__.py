@@ -1,6 +1,6 @@
 """The command line: one file per command or group of them; printing, exit status.
 
-May import: diagrams.assembly, diagrams.console, diagrams.experiments, diagrams.figures, diagrams.identification,
+May import: diagrams.commands.judging, diagrams.assembly, diagrams.console, diagrams.figures, diagrams.identification,
 diagrams.live, diagrams.maps, diagrams.own, diagrams.scale, diagrams.schema, diagrams.statistics, diagrams.studies,
-diagrams.verification, diagrams.writers, systems.
+diagrams.writers, diagrams.experiments, systems.
 """

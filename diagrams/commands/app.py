@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from quietfix.diagrams.commands.arguments import (
+from quietfix.diagrams.commands.judging.options import compare, sweep, verify
+from quietfix.diagrams.commands.replay_help import ReplayHelp
+from quietfix.diagrams.console.arguments import (
     CHUNK,
-    COMPARED,
     DATA,
     ESTIMATOR,
     EVERY,
@@ -26,7 +27,6 @@ from quietfix.diagrams.commands.arguments import (
     RUN_SEED,
     SCENARIO,
     SCHEDULER,
-    SEED,
     SET,
     SYSTEM,
     THREADS,
@@ -34,13 +34,10 @@ from quietfix.diagrams.commands.arguments import (
     TRUST,
     TRUTH,
     TYPE,
-    VARY,
     WORKERS,
     WRITE_MEASUREMENTS,
     number,
-    whole,
 )
-from quietfix.diagrams.commands.replay_help import ReplayHelp
 from quietfix.diagrams.identification.options import identify
 
 __all__ = ["app"]
@@ -293,53 +290,6 @@ def observe(
     observe_command(system, estimators, window, settings, scenario, out, overwrite)
 
 
-@app.command()
-def compare(
-    systems: Annotated[list[str], typer.Argument(metavar="SYSTEM[:VARIANT]...", help="One or more systems.")],
-    estimators: Annotated[list[str] | None, COMPARED] = None,
-    trials: Annotated[int | None, TRIALS] = None,
-    seed: Annotated[int, SEED] = 0,
-    at: Annotated[
-        float | None, typer.Option(parser=number, metavar="T", help="RMSE at this time [s].  [default: the end]")
-    ] = None,
-    settings: Annotated[list[str] | None, SET] = None,
-    scenario: Annotated[Path | None, SCENARIO] = None,
-    format_: Annotated[str, typer.Option("--format", help="table or markdown.")] = "table",
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write comparison.json, results, figures.")] = None,
-    data: Annotated[list[Path] | None, DATA] = None,
-    threads: Annotated[int, THREADS] = 1,
-    overwrite: Annotated[bool, OVERWRITE] = False,
-) -> None:
-    """Compare estimators on one stream of measurements: errors, bounds, consistency, cost, who is the best."""
-    from quietfix.diagrams.commands.comparing import compare_command
-
-    options = {"estimators": estimators, "trials": trials, "seed": seed, "set": settings, "scenario": scenario}
-    compare_command(systems, options | {"data": data, "threads": threads}, at, format_, out, overwrite)
-
-
-@app.command()
-def sweep(
-    system: Annotated[str, SYSTEM],
-    vary: Annotated[str, VARY],
-    estimators: Annotated[list[str] | None, ESTIMATOR] = None,
-    trials: Annotated[int, typer.Option(parser=whole, metavar="N", help="Monte Carlo trials.")] = 100,
-    seed: Annotated[int, SEED] = 0,
-    at: Annotated[
-        float | None, typer.Option(parser=number, metavar="T", help="Errors at this time [s].  [default: the end]")
-    ] = None,
-    settings: Annotated[list[str] | None, SET] = None,
-    scenario: Annotated[Path | None, SCENARIO] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write sweep.json, results and a figure.")] = None,
-    threads: Annotated[int, THREADS] = 1,
-    overwrite: Annotated[bool, OVERWRITE] = False,
-) -> None:
-    """Vary one number of a scenario on the same noise: what a mismatch costs, and whether the covariance tells."""
-    from quietfix.diagrams.commands.sweeping import sweep_command
-
-    options = {"estimators": estimators, "trials": trials, "seed": seed, "at": at, "set": settings}
-    sweep_command(system, vary, options | {"scenario": scenario, "threads": threads}, out, overwrite)
-
-
 @app.command(cls=ReplayHelp)
 def replay(
     dataset: Annotated[str, typer.Argument(metavar="DATASET", help="Which recording; see `quietfix list`.")],
@@ -372,26 +322,7 @@ def replay(
     run_recording(dataset, data, out, True, file, chosen, estimators, overwrite, platforms, write_measurements)
 
 
-@app.command()
-def verify(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Requirements, a YAML file.", show_default=False)],
-    trials: Annotated[
-        int | None, typer.Option(parser=whole, metavar="N", help="Trials at the last look, instead of the file's.")
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(parser=whole, metavar="N", help="Seed of all noise, instead of the file's.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write verification.json and a figure here.")] = None,
-    threads: Annotated[int, THREADS] = 1,
-    overwrite: Annotated[bool, OVERWRITE] = False,
-) -> None:
-    """Judge requirements: each holds, fails, or is undecided after as many trials as the file allows.
-
-    Exit status: 0 all hold; 1 one fails; 3 none fails, but one is undecided; 2 a mistake in the file; 130 Ctrl-C.
-    """
-    from quietfix.diagrams.commands.verifying import verify_command
-
-    raise typer.Exit(verify_command(file, trials, seed, out, overwrite, threads))
-
-
+app.command()(compare)
+app.command()(sweep)
+app.command()(verify)
 app.command()(identify)

@@ -11,7 +11,7 @@ from quietfix.diagrams import run_study
 from quietfix.diagrams.assembly.find import RECORDINGS
 from quietfix.diagrams.commands import new
 from quietfix.diagrams.commands.command_line import app
-from quietfix.diagrams.commands.verifying import verify_command
+from quietfix.diagrams.commands.judging.verifying import verify_command
 from quietfix.diagrams.schema.scenario import read_yaml
 from quietfix.diagrams.verification.specification import read_specification
 from tests.diagrams.test_command_line import in_process

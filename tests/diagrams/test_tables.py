@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from quietfix.diagrams.commands.command_line import main
-from quietfix.diagrams.commands.comparing import comparison_table
+from quietfix.diagrams.commands.judging.comparing import comparison_table
 from quietfix.diagrams.console.progress import Progress
 from quietfix.diagrams.console.tables import Column, Styled, Table, print_table, rendered
 from quietfix.diagrams.console.terminal import live, say, styled, width_of, wrapped

@@ -7,7 +7,7 @@ import pytest
 
 from quietfix.diagrams.assembly.lineup import select_estimators
 from quietfix.diagrams.commands.catalogue import load_scenario
-from quietfix.diagrams.commands.comparing import compare_command
+from quietfix.diagrams.commands.judging.comparing import compare_command
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.studies.output import OutputFolder
 from quietfix.diagrams.studies.whole import run_study
@@ -114,7 +114,7 @@ def test_a_requirement_is_about_one_estimator(tmp_path, second, said):
 
 
 def test_compare_sees_every_folder_and_repetition_before_it_runs(tmp_path, monkeypatch):
-    monkeypatch.setattr("quietfix.diagrams.commands.comparing.prepare", lambda *a, **k: pytest.fail("it ran"))
+    monkeypatch.setattr("quietfix.diagrams.commands.judging.comparing.prepare", lambda *a, **k: pytest.fail("it ran"))
     with OutputFolder(tmp_path / "bearing_crossing") as folder:
         folder.finish()
     with pytest.raises(UserError, match="holds an earlier result"):
@@ -145,7 +145,7 @@ def test_files_of_the_same_name_beside_two_requirements_files_are_two(tmp_path):
 
 
 def test_lost_trials_make_the_nees_infinite():
-    from quietfix.diagrams.commands.comparing import comparison_table
+    from quietfix.diagrams.commands.judging.comparing import comparison_table
     from quietfix.diagrams.experiments.compare import compare
 
     found = compare(

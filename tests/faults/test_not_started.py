@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from quietfix.diagrams.commands.comparing import comparison_table
+from quietfix.diagrams.commands.judging.comparing import comparison_table
 from quietfix.diagrams.commands.running import print_summary
 from quietfix.diagrams.experiments.compare import compare
 from quietfix.diagrams.statistics.metrics import diverged, not_started, summarise

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, binomtest, bootstrap
 
-from quietfix.diagrams.commands.verifying import verification_figure
+from quietfix.diagrams.commands.judging.verifying import verification_figure
 from quietfix.diagrams.statistics.intervals import MeanRatio, Proportion, Quantile, SettlingTime, SignedMean
 from quietfix.diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED, Limit, judge
 from quietfix.diagrams.verification import metrics

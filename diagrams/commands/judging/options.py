@@ -1,0 +1,92 @@
+"""What ``quietfix compare``, ``sweep`` and ``verify`` take; what they do is in files of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from quietfix.diagrams.console.arguments import (
+    COMPARED,
+    DATA,
+    ESTIMATOR,
+    OVERWRITE,
+    SCENARIO,
+    SEED,
+    SET,
+    SYSTEM,
+    THREADS,
+    TRIALS,
+    VARY,
+    number,
+    whole,
+)
+
+__all__ = ["compare", "sweep", "verify"]
+
+
+def compare(
+    systems: Annotated[list[str], typer.Argument(metavar="SYSTEM[:VARIANT]...", help="One or more systems.")],
+    estimators: Annotated[list[str] | None, COMPARED] = None,
+    trials: Annotated[int | None, TRIALS] = None,
+    seed: Annotated[int, SEED] = 0,
+    at: Annotated[
+        float | None, typer.Option(parser=number, metavar="T", help="RMSE at this time [s].  [default: the end]")
+    ] = None,
+    settings: Annotated[list[str] | None, SET] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
+    format_: Annotated[str, typer.Option("--format", help="table or markdown.")] = "table",
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write comparison.json, results, figures.")] = None,
+    data: Annotated[list[Path] | None, DATA] = None,
+    threads: Annotated[int, THREADS] = 1,
+    overwrite: Annotated[bool, OVERWRITE] = False,
+) -> None:
+    """Compare estimators on one stream of measurements: errors, bounds, consistency, cost, who is the best."""
+    from quietfix.diagrams.commands.judging.comparing import compare_command
+
+    options = {"estimators": estimators, "trials": trials, "seed": seed, "set": settings, "scenario": scenario}
+    compare_command(systems, options | {"data": data, "threads": threads}, at, format_, out, overwrite)
+
+
+def sweep(
+    system: Annotated[str, SYSTEM],
+    vary: Annotated[str, VARY],
+    estimators: Annotated[list[str] | None, ESTIMATOR] = None,
+    trials: Annotated[int, typer.Option(parser=whole, metavar="N", help="Monte Carlo trials.")] = 100,
+    seed: Annotated[int, SEED] = 0,
+    at: Annotated[
+        float | None, typer.Option(parser=number, metavar="T", help="Errors at this time [s].  [default: the end]")
+    ] = None,
+    settings: Annotated[list[str] | None, SET] = None,
+    scenario: Annotated[Path | None, SCENARIO] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write sweep.json, results and a figure.")] = None,
+    threads: Annotated[int, THREADS] = 1,
+    overwrite: Annotated[bool, OVERWRITE] = False,
+) -> None:
+    """Vary one number of a scenario on the same noise: what a mismatch costs, and whether the covariance tells."""
+    from quietfix.diagrams.commands.judging.sweeping import sweep_command
+
+    options = {"estimators": estimators, "trials": trials, "seed": seed, "at": at, "set": settings}
+    sweep_command(system, vary, options | {"scenario": scenario, "threads": threads}, out, overwrite)
+
+
+def verify(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Requirements, a YAML file.", show_default=False)],
+    trials: Annotated[
+        int | None, typer.Option(parser=whole, metavar="N", help="Trials at the last look, instead of the file's.")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(parser=whole, metavar="N", help="Seed of all noise, instead of the file's.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write verification.json and a figure here.")] = None,
+    threads: Annotated[int, THREADS] = 1,
+    overwrite: Annotated[bool, OVERWRITE] = False,
+) -> None:
+    """Judge requirements: each holds, fails, or is undecided after as many trials as the file allows.
+
+    Exit status: 0 all hold; 1 one fails; 3 none fails, but one is undecided; 2 a mistake in the file; 130 Ctrl-C.
+    """
+    from quietfix.diagrams.commands.judging.verifying import verify_command
+
+    raise typer.Exit(verify_command(file, trials, seed, out, overwrite, threads))
