@@ -8,20 +8,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import xarray as xr
 
 from quietfix.diagrams.assembly.find import FORMS, Found, find
-from quietfix.diagrams.console.tables import Column, Table, lost, print_table, three_digits
+from quietfix.diagrams.console.tables import print_table
 from quietfix.diagrams.console.terminal import say
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.schema.origins import origins_of
-from quietfix.diagrams.statistics.epochs import along, from_the_end
 from quietfix.diagrams.studies.output import Finished, OutputFolder
 from quietfix.diagrams.studies.recordings import only_simulated, with_data, with_measurements, with_platforms
 from quietfix.diagrams.studies.rerun import ask_again, ask_as
 from quietfix.diagrams.studies.results import open_result, write_summary
-from quietfix.diagrams.studies.starting import why_not_started
+from quietfix.diagrams.tables.summary import summary_notes, summary_table
 
 if TYPE_CHECKING:
     from quietfix.diagrams.assembly.recorded import Report
@@ -191,51 +189,9 @@ def _illustrate(dataset: xr.Dataset, study: Any, folder: Path) -> None:
 
 def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
     """Print a table of a study: one row per estimator."""
-    tracks = along(dataset) == "epoch"
-    if tracks:  # they have no time in common, but each has an end
-        from quietfix.diagrams.statistics.metrics import summarise
-
-        dataset = from_the_end(dataset)
-        estimators = summarise(dataset)
-    times = dataset["time"].values
-    shares = (1.0,) if tracks else (1 / 15, 1 / 3, 2 / 3, 1.0)
-    picks = sorted({int(np.argmin(np.abs(times - share * times[-1]))) for share in shares})
-    variant = f":{dataset.attrs['variant']}" if dataset.attrs["variant"] else ""
-    count = dataset.sizes["trial"]
-    trials = f"{count} {'track' if tracks else 'trial'}{'s' * (count != 1)}"
-    table = Table(
-        f"{dataset.attrs['system']}{variant}, {trials}, seed {dataset.attrs['seed']}",
-        [
-            Column("estimator"),
-            *("RMSE [m]" if tracks else f"{times[i]:g} s [m]" for i in picks),
-            *("median [m]", "bound [m]", "height [m]", "velocity [m/s]", "NEES", "diverged"),
-        ],
-        caption="All at the last epoch of each track: RMSE, median and bound of position, RMSE of height and velocity, "
-        "mean NEES"
-        if tracks
-        else "RMSE of position at each time; at the end: median and bound (filter's process noise) of position, "
-        "RMSE of height and velocity, mean NEES",
-    )
-    for name, row in estimators.items():
-        table.add(
-            name if row.get("causal", True) else f"{name} (not causal)",
-            *(three_digits(row["rmse_position_m"][i]) for i in picks),
-            *(
-                three_digits(_last(row, key))
-                for key in ("median_position_m", "bound_position_m", "rmse_height_m", "rmse_velocity_mps", "nees_mean")
-            ),
-            lost(row["diverged"], row["not_started"]),
-        )
-    print_table(table)
-    for line in why_not_started(dataset, {name: row["not_started"] for name, row in estimators.items()}):
+    print_table(summary_table(dataset, estimators))
+    for line in summary_notes(dataset, estimators):
         say(line)
-    if dataset.attrs.get("note"):
-        say(dataset.attrs["note"])
-
-
-def _last(row: Mapping[str, Any], key: str) -> float | None:
-    values = row.get(key)
-    return values[-1] if values else None
 
 
 def draw_command(

@@ -14,6 +14,7 @@ from quietfix.diagrams.schema.origins import Origins
 from quietfix.diagrams.statistics.sequential import FAILS, UNDECIDED, WORDS, judge
 from quietfix.diagrams.studies.request import check_threads
 from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
+from quietfix.diagrams.tables.verification import limit_words, readable
 from quietfix.diagrams.verification.specification import Requirement, Specification, read_specification
 from quietfix.diagrams.verification.trials import GrowingStudy
 
@@ -57,10 +58,7 @@ class Finding:
     @property
     def limit(self) -> str:
         """The limit in words."""
-        least, most = self.requirement.at_least, self.requirement.at_most
-        if least is not None and most is not None:
-            return f"{readable(least)} to {readable(most)}"
-        return f">= {readable(least)}" if least is not None else f"<= {readable(most)}"
+        return limit_words(self.requirement.at_least, self.requirement.at_most)
 
     @property
     def metric(self) -> str:
@@ -97,15 +95,6 @@ class Finding:
             "trials": self.trials,
             "why": asked.why or None,
         }
-
-
-def readable(value: float | None) -> str:
-    """Return a number with as many digits as mean something."""
-    if value is None:
-        return "-"
-    if not math.isfinite(value):
-        return str(value)
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from quietfix.diagrams.commands.command_line import main
-from quietfix.diagrams.commands.judging.comparing import comparison_table
 from quietfix.diagrams.console.progress import Progress
 from quietfix.diagrams.console.tables import Column, Styled, Table, print_table, rendered
 from quietfix.diagrams.console.terminal import live, say, styled, width_of, wrapped
+from quietfix.diagrams.tables.comparison import comparison_table
 from tests.fitting import WIDTHS, check_fits
 
 PACKAGES = [Path(__file__).parents[2] / name for name in ("diagrams", "systems")]

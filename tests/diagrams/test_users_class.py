@@ -145,8 +145,8 @@ def test_files_of_the_same_name_beside_two_requirements_files_are_two(tmp_path):
 
 
 def test_lost_trials_make_the_nees_infinite():
-    from quietfix.diagrams.commands.judging.comparing import comparison_table
     from quietfix.diagrams.experiments.compare import compare
+    from quietfix.diagrams.tables.comparison import comparison_table
 
     found = compare(
         "three_satellite", estimators=["iekf", "wrong_filters:HalfLost"], trials=6, set=["duration_s=3"], seed=1

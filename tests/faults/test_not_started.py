@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from quietfix.diagrams.commands.judging.comparing import comparison_table
 from quietfix.diagrams.commands.running import print_summary
 from quietfix.diagrams.experiments.compare import compare
 from quietfix.diagrams.statistics.metrics import diverged, not_started, summarise
 from quietfix.diagrams.studies.starting import why_not_started
 from quietfix.diagrams.studies.whole import run_study
+from quietfix.diagrams.tables.comparison import comparison_table
 from quietfix.systems.linear_algebra import inverses, solve
 
 ONE_PLACE = "satellites=[!Offset {along_km: 0.0, across_km: 69.0}, !Offset {along_km: 40.0}, !Offset {along_km: 40.0}]"

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from quietfix.diagrams.console.tables import Column, Styled, Table, print_table
+from quietfix.diagrams.console.tables import print_table
 from quietfix.diagrams.figures.style import save
 from quietfix.diagrams.figures.verification import VerdictRow, draw_verification
-from quietfix.diagrams.statistics.sequential import FAILS, HOLDS, UNDECIDED, WORDS
 from quietfix.diagrams.studies.output import OutputFolder
-from quietfix.diagrams.verification.verify import Finding, Report, readable, verify
+from quietfix.diagrams.tables.verification import verification_counts, verification_table
+from quietfix.diagrams.verification.verify import Finding, Report, verify
 
 __all__ = ["print_report", "verification_figure", "verify_command"]
-
-_STYLES = {HOLDS: "green", FAILS: "red", UNDECIDED: "yellow"}
 
 
 def verify_command(
@@ -55,33 +54,6 @@ def _title(report: Report) -> str:
 
 def print_report(report: Report) -> None:
     """Print a table of a report: one row per requirement."""
-    looks = ", ".join(map(str, report.looks))
-    chances = sorted({f"{1 - (finding.requirement.confidence or 0):.2g}" for finding in report.findings})
-    table = Table(
-        _title(report),
-        [
-            *map(Column, ("requirement", "estimator", "metric")),
-            *("estimate", "interval", Column("limit"), Column("verdict"), "trials"),
-        ],
-        caption=f"Looks at {looks} trials. A verdict is wrong with probability {' or '.join(chances)} at most, all"
-        " looks together; the interval is that of the look that decided.",
-    )
-    for finding in report.findings:
-        table.add(*_row(finding))
-    print_table(table)
-    counts = [sum(f.verdict == verdict for f in report.findings) for verdict in (HOLDS, FAILS, UNDECIDED)]
-    print("{} of {} hold, {} fail, {} undecided".format(counts[0], len(report.findings), *counts[1:]))
-
-
-def _row(finding: Finding) -> list[str | Styled]:
-    asked, style = finding.requirement, _STYLES[finding.verdict]
-    return [
-        asked.name + (f" ({asked.case})" if asked.case else ""),
-        asked.estimator,
-        finding.metric,
-        readable(finding.estimate),
-        f"{readable(finding.lower)} to {readable(finding.upper)}",
-        f"{finding.limit} {finding.unit}",
-        Styled(WORDS[finding.verdict], style),
-        str(finding.trials),
-    ]
+    told = json.loads(report.as_json())
+    print_table(verification_table(told))
+    print(verification_counts(told))

@@ -1,0 +1,66 @@
+"""What a study tells: a table of its estimators, and the notes below."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from quietfix.diagrams.console.tables import Column, Table, lost, three_digits
+from quietfix.diagrams.statistics.epochs import along, from_the_end
+from quietfix.diagrams.studies.starting import why_not_started
+
+__all__ = ["summary_notes", "summary_table"]
+
+
+def summary_table(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> Table:
+    """Return the table of a study: one row per estimator."""
+    tracks = along(dataset) == "epoch"
+    if tracks:  # they have no time in common, but each has an end
+        from quietfix.diagrams.statistics.metrics import summarise
+
+        dataset = from_the_end(dataset)
+        estimators = summarise(dataset)
+    times = dataset["time"].values
+    shares = (1.0,) if tracks else (1 / 15, 1 / 3, 2 / 3, 1.0)
+    picks = sorted({int(np.argmin(np.abs(times - share * times[-1]))) for share in shares})
+    variant = f":{dataset.attrs['variant']}" if dataset.attrs["variant"] else ""
+    count = dataset.sizes["trial"]
+    trials = f"{count} {'track' if tracks else 'trial'}{'s' * (count != 1)}"
+    table = Table(
+        f"{dataset.attrs['system']}{variant}, {trials}, seed {dataset.attrs['seed']}",
+        [
+            Column("estimator"),
+            *("RMSE [m]" if tracks else f"{times[i]:g} s [m]" for i in picks),
+            *("median [m]", "bound [m]", "height [m]", "velocity [m/s]", "NEES", "diverged"),
+        ],
+        caption="All at the last epoch of each track: RMSE, median and bound of position, RMSE of height and velocity, "
+        "mean NEES"
+        if tracks
+        else "RMSE of position at each time; at the end: median and bound (filter's process noise) of position, "
+        "RMSE of height and velocity, mean NEES",
+    )
+    for name, row in estimators.items():
+        table.add(
+            name if row.get("causal", True) else f"{name} (not causal)",
+            *(three_digits(row["rmse_position_m"][i]) for i in picks),
+            *(
+                three_digits(_last(row, key))
+                for key in ("median_position_m", "bound_position_m", "rmse_height_m", "rmse_velocity_mps", "nees_mean")
+            ),
+            lost(row["diverged"], row["not_started"]),
+        )
+    return table
+
+
+def summary_notes(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> list[str]:
+    """Return what a reader of the table must know, a line each."""
+    lines = list(why_not_started(dataset, {name: row["not_started"] for name, row in estimators.items()}))
+    return [*lines, str(dataset.attrs["note"])] if dataset.attrs.get("note") else lines
+
+
+def _last(row: Mapping[str, Any], key: str) -> float | None:
+    values = row.get(key)
+    return values[-1] if values else None
