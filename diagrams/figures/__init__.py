@@ -15,22 +15,24 @@ from quietfix.diagrams.figures.errors import draw_error, draw_percentiles
 from quietfix.diagrams.figures.ground import draw_ground, has_ground
 from quietfix.diagrams.figures.particles import draw_particle_health, particle_filters
 from quietfix.diagrams.figures.style import save
-from quietfix.diagrams.statistics.epochs import along, by_number
-from quietfix.diagrams.statistics.metrics import rmse
-from quietfix.diagrams.statistics.state_errors import errors
+from quietfix.diagrams.statistics.epochs import along
+from quietfix.diagrams.statistics.tally import Ensemble
 
 __all__ = ["study_figures"]
 
 
-def study_figures(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
+def study_figures(dataset: xr.Dataset, folder: Path | str, ensemble: Ensemble | None = None) -> list[Path]:
     """Draw and save the figures of a study as PNG.
 
     Parameters
     ----------
     dataset : xarray.Dataset
-        A study's result; bounds and ``platforms`` are drawn where it has them.
+        A study's result; bounds and ``platforms`` are drawn where it has them. Of one on disk no more than a chunk is
+        read at once.
     folder : path
         An existing folder.
+    ensemble : Ensemble, optional
+        What is known of its trials already.
 
     Returns
     -------
@@ -44,23 +46,24 @@ def study_figures(dataset: xr.Dataset, folder: Path | str) -> list[Path]:
     if "estimator" not in dataset.coords:  # nothing is estimated
         return []
     tracks = along(dataset) == "epoch"
-    dataset = by_number(dataset.load())
-    error = errors(dataset)
-    judged = bool(error["position"].notnull().any())
+    known = ensemble or Ensemble(dataset)
+    dataset, judged = known.dataset, known.judged("position")
     written = []
     for quantity in ("position", "height", "speed", "course", "bias"):
-        if quantity in error and error[quantity].notnull().any():
-            figure = draw_error(dataset, quantity, rmse(error[quantity]))
+        if quantity in known.quantities and known.judged(quantity):
+            figure = draw_error(dataset, quantity, known.rmse(quantity, started=False))
             written.append(save(figure, target / f"error_{quantity}.png"))
     if judged:
-        written.append(save(draw_percentiles(dataset, error["position"]), target / "percentiles_position.png"))
+        figure = draw_percentiles(dataset, known.median, known.ninety)
+        written.append(save(figure, target / "percentiles_position.png"))
     for kind in ("nees", "nis"):
-        if dataset[kind].notnull().any():
-            written.append(save(draw_consistency(dataset, kind), target / f"{kind}.png"))
+        if known.sums[f"{kind}_known"].any():
+            written.append(save(draw_consistency(dataset, kind, known.sums), target / f"{kind}.png"))
     if judged and not tracks and has_ground(dataset):
         written.append(save(draw_ground(dataset), target / "ground.png"))
     if particle_filters(dataset):
         written.append(save(draw_particle_health(dataset), target / "particles.png"))
     if judged and not tracks:
-        written.append(save(draw_convergence(dataset, rmse(error["position"])), target / "convergence.png"))
+        figure = draw_convergence(dataset, known.rmse("position", started=False))
+        written.append(save(figure, target / "convergence.png"))
     return written

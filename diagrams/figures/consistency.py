@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ _CONFIDENCE = 0.95
 _TALLEST = 1000.0  # times what is consistent: a filter that is lost must not press the others into one line
 
 
-def draw_consistency(dataset: xr.Dataset, kind: str) -> Figure:
+def draw_consistency(dataset: xr.Dataset, kind: str, sums: Mapping[str, Any] | None = None) -> Figure:
     """Draw NEES or NIS per degree of freedom against time, with the band of a consistent filter.
 
     Parameters
@@ -26,6 +27,8 @@ def draw_consistency(dataset: xr.Dataset, kind: str) -> Figure:
         A study's result.
     kind : {'nees', 'nis'}
         Normalised estimation error squared, or normalised innovation squared.
+    sums : mapping, optional
+        Those over the trials, where they are known already.
 
     Returns
     -------
@@ -34,7 +37,7 @@ def draw_consistency(dataset: xr.Dataset, kind: str) -> Figure:
     figure, axes = new_figure()
     time = dataset["time"].values
     if kind == "nees":
-        found = nees_statistics(dataset, _CONFIDENCE)
+        found = nees_statistics(dataset, _CONFIDENCE, sums)
         freedom = found["freedom"]
         one = float(freedom[0])
         label = f"mean NEES over trials (consistent: {one:g})"
@@ -44,7 +47,7 @@ def draw_consistency(dataset: xr.Dataset, kind: str) -> Figure:
             label = "mean NEES over trials / components judged (consistent: 1)"
         curve, lower, upper = found["mean"], found["lower"], found["upper"]
     else:
-        found = nis_statistics(dataset, _CONFIDENCE)
+        found = nis_statistics(dataset, _CONFIDENCE, sums)
         curve, lower, upper, one = found["ratio"], found["lower"], found["upper"], 1.0
         label = "sum of NIS / sum of degrees of freedom (consistent: 1)"
     shown = looks(dataset)

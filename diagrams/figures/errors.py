@@ -11,7 +11,6 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from quietfix.diagrams.figures.style import Look, grid, legend_outside, log_scale, looks, new_figure, time_label, title
-from quietfix.diagrams.statistics.metrics import median, percentile
 
 __all__ = ["draw_error", "draw_percentiles"]
 
@@ -93,15 +92,15 @@ def _leave_out_the_start(axes: Any, values: Array) -> None:
         axes.set_ylim(top=3 * usual)
 
 
-def draw_percentiles(dataset: xr.Dataset, error: xr.DataArray) -> Figure:
+def draw_percentiles(dataset: xr.Dataset, median: xr.DataArray, ninety: xr.DataArray) -> Figure:
     """Draw median and 90 % point of the position error against time; a few lost trials do not show in them.
 
     Parameters
     ----------
     dataset : xarray.Dataset
         A study's result.
-    error : xarray.DataArray, dims (estimator, trial, time)
-        Position error [m].
+    median, ninety : xarray.DataArray, dims (estimator, time)
+        Of the position error over the trials [m].
 
     Returns
     -------
@@ -109,7 +108,7 @@ def draw_percentiles(dataset: xr.Dataset, error: xr.DataArray) -> Figure:
     """
     figure, axes = new_figure(rows=1, columns=2, sharex=True, sharey=True)
     time = dataset["time"].values
-    panels = ((median(error), "median over trials"), (percentile(error, 90.0), "90 % point over trials"))
+    panels = ((median, "median over trials"), (ninety, "90 % point over trials"))
     for ax, (values, name) in zip(axes, panels, strict=True):
         for estimator, look in looks(dataset).items():
             row = values.sel(estimator=estimator).values

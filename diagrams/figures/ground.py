@@ -24,6 +24,7 @@ Project = Callable[[Array], Array]
 _PLATFORMS = "0.35"
 _TARGET, _TARGET_TRACK = "black", "#d55e00"
 _MOST_TRIALS = 20  # tracks of the target; enough to see how trials differ
+_MOST_DOTS = 20_000  # more would hide each other
 _AT_REST = 1.0  # m; what moves less is drawn as a place
 _EDGE, _MOST_OF_THEM = 3.0, 90  # the axes end at so many times what so many percent of the dots keep
 _KM, _IN_KM = 1e3, 1e3  # m; clouds that reach further than this are drawn in kilometres
@@ -88,15 +89,17 @@ def _track(axes: Any, place: Array, project: Project, color: str, label: str | N
 def _draw_tracks(axes: Any, dataset: xr.Dataset, ground: Ground) -> dict[str, Array]:
     """Draw platforms and target; return where the platforms end, by name."""
     known = _positions(dataset)["truth"]
-    target = known.transpose("trial", "time", "state").values if "trial" in known.dims else known.values[None]
+    if "trial" in known.dims:
+        target = known.isel(trial=slice(_MOST_TRIALS)).transpose("trial", "time", "state").values
+    else:
+        target = known.values[None]
 
     def project(places: Array) -> Array:
         return ground.places(places, target[0, 0])
 
     ends = _draw_platforms(axes, dataset["platforms"], project) if "platforms" in dataset else {}
-    shown = target[:_MOST_TRIALS]
-    for i, course in enumerate(shown):
-        _track(axes, course, project, _TARGET_TRACK, None if i else "target", 2.5 if len(shown) == 1 else 1.0)
+    for i, course in enumerate(target):
+        _track(axes, course, project, _TARGET_TRACK, None if i else "target", 2.5 if len(target) == 1 else 1.0)
     axes.set_aspect(ground.stretch(target[0, 0]), adjustable="datalim")
     axes.set(xlabel=ground.labels[0], ylabel=ground.labels[1], title="tracks along the ground, from the dot on")
     axes.margins(0.15)
@@ -119,7 +122,8 @@ def _draw_platforms(axes: Any, platforms: xr.DataArray, project: Project) -> dic
 
 
 def _draw_last_errors(axes: Any, dataset: xr.Dataset, ground: Ground) -> None:
-    last = _positions(dataset).isel(time=-1)
+    last = _positions(dataset).isel(time=-1, trial=slice(_MOST_DOTS))
+    all_trials = dataset.sizes["trial"] <= _MOST_DOTS
     truth = last["truth"].values
     estimate = last["estimate"].transpose("estimator", "trial", "state").values
     offset = ground.offsets(truth, estimate - truth)
@@ -136,12 +140,13 @@ def _draw_last_errors(axes: Any, dataset: xr.Dataset, ground: Ground) -> None:
     axes.axhline(0, color="0.6", linewidth=0.8)
     axes.axvline(0, color="0.6", linewidth=0.8)
     axes.plot(0, 0, "+", color=_TARGET, markersize=14, markeredgewidth=2, zorder=4)
+    dots = "one dot per trial" if all_trials else f"the first {_MOST_DOTS} trials"
     # limits that are set stay: a smaller box then, for matplotlib would overrule them
     axes.set_aspect("equal", adjustable="box" if beyond else "datalim")
     axes.set(
         xlabel=f"{ground.offset_labels[0]} [{unit}]",
         ylabel=f"{ground.offset_labels[1]} [{unit}]",
-        title=f"estimate minus truth at {float(last['time']):g} s, one dot per trial{beyond}",
+        title=f"estimate minus truth at {float(last['time']):g} s, {dots}{beyond}",
     )
     axes.locator_params(axis="x", nbins=6)
     grid(axes)

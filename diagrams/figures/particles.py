@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
 from quietfix.diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure, time_label, title
+from quietfix.diagrams.statistics.tally import range_over_trials
 from quietfix.systems.filters.particle.health import LEAST_EVIDENCE
 
 __all__ = ["draw_particle_health", "particle_filters"]
@@ -50,7 +50,7 @@ def draw_particle_health(dataset: xr.Dataset) -> Figure:
     time, shown = dataset["time"].values, looks(dataset)
     for axes, (port, label) in zip(panels, _PANELS, strict=True):
         for name in names:
-            _draw(axes, time, dataset[f"{port}_{name}"].values[..., 0], name, shown[name])
+            _draw(axes, time, range_over_trials(dataset[f"{port}_{name}"][..., 0]), name, shown[name])
         axes.set(ylabel=label, xlim=(time[0], time[-1]))
         if port != "recent_evidence":
             log_scale(axes)
@@ -70,6 +70,7 @@ def draw_particle_health(dataset: xr.Dataset) -> Figure:
     return figure
 
 
-def _draw(axes: Any, time: Any, values: Any, name: str, look: Any) -> None:
-    axes.fill_between(time, values.min(axis=0), values.max(axis=0), color=look.color, alpha=0.15, linewidth=0)
-    axes.plot(time, np.median(values, axis=0), label=name, **look.line())
+def _draw(axes: Any, time: Any, numbers: Any, name: str, look: Any) -> None:
+    lowest, middle, highest = numbers
+    axes.fill_between(time, lowest, highest, color=look.color, alpha=0.15, linewidth=0)
+    axes.plot(time, middle, label=name, **look.line())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
+
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
@@ -10,7 +12,7 @@ from scipy.stats import chi2
 from quietfix.diagrams.statistics.epochs import along
 from quietfix.diagrams.statistics.state_errors import scored
 
-__all__ = ["chi_square_band", "nees_statistics", "nis_statistics"]
+__all__ = ["chi_square_band", "consistency_sums", "nees_statistics", "nis_statistics"]
 
 Array = NDArray[np.float64]
 
@@ -45,7 +47,9 @@ def chi_square_band(freedom: ArrayLike, count: ArrayLike, confidence: float = 0.
         return chi2.ppf(tail, total) / divisor, chi2.ppf(1 - tail, total) / divisor
 
 
-def nees_statistics(dataset: xr.Dataset, confidence: float = 0.95) -> xr.Dataset:
+def nees_statistics(
+    dataset: xr.Dataset, confidence: float = 0.95, sums: Mapping[str, Array] | None = None
+) -> xr.Dataset:
     """Return the mean NEES over the trials, with the band that a consistent filter keeps.
 
     Parameters
@@ -54,6 +58,8 @@ def nees_statistics(dataset: xr.Dataset, confidence: float = 0.95) -> xr.Dataset
         With ``nees`` (estimator, trial, time).
     confidence : float
         Of the band.
+    sums : mapping, optional
+        Those over the trials, see `quietfix.diagrams.statistics.tally.Tally`, where they are known already.
 
     Returns
     -------
@@ -61,17 +67,18 @@ def nees_statistics(dataset: xr.Dataset, confidence: float = 0.95) -> xr.Dataset
         ``mean``, ``lower``, ``upper``, ``trials``: how many have a NEES, the others are left out; ``freedom``
         (estimator): its degrees of freedom, the number of components that are `scored`.
     """
-    nees = dataset["nees"].transpose("estimator", "trial", along(dataset))
-    known = nees.notnull()
-    trials = known.sum("trial")
-    mean = nees.where(known, 0.0).sum("trial") / trials.where(trials > 0)
+    given = consistency_sums(dataset, ("nees",)) if sums is None else sums
+    total, trials = _curves(dataset, given, "nees", "nees_known")
+    mean = total / trials.where(trials > 0)
     freedom = scored(dataset).sum("state")
     lower, upper = chi_square_band(trials.values * freedom.values[:, None], trials.values, confidence)
     bands = {"lower": (mean.dims, lower), "upper": (mean.dims, upper)}
     return xr.Dataset({"mean": mean, **bands, "trials": trials, "freedom": freedom})
 
 
-def nis_statistics(dataset: xr.Dataset, confidence: float = 0.95) -> xr.Dataset:
+def nis_statistics(
+    dataset: xr.Dataset, confidence: float = 0.95, sums: Mapping[str, Array] | None = None
+) -> xr.Dataset:
     """Return the mean NIS over the trials, per degree of freedom too, with the band that a consistent filter keeps.
 
     Parameters
@@ -80,6 +87,8 @@ def nis_statistics(dataset: xr.Dataset, confidence: float = 0.95) -> xr.Dataset:
         With ``nis`` and ``nis_dof`` (estimator, trial, time).
     confidence : float
         Of the band.
+    sums : mapping, optional
+        Those over the trials, see `quietfix.diagrams.statistics.tally.Tally`, where they are known already.
 
     Returns
     -------
@@ -87,11 +96,8 @@ def nis_statistics(dataset: xr.Dataset, confidence: float = 0.95) -> xr.Dataset:
         ``mean`` and ``dof_mean`` over the trials that have a NIS; ``ratio``: sum of the NIS over sum of the degrees of
         freedom, 1 for a consistent filter, with ``lower`` and ``upper``.
     """
-    nis = dataset["nis"].transpose("estimator", "trial", along(dataset))
-    freedom = dataset["nis_dof"].transpose("estimator", "trial", along(dataset))
-    known = nis.notnull() & (freedom > 0)
-    trials = known.sum("trial")
-    total, summed = nis.where(known, 0.0).sum("trial"), freedom.where(known, 0.0).sum("trial")
+    given = consistency_sums(dataset, ("nis",)) if sums is None else sums
+    total, summed, trials = _curves(dataset, given, "nis", "nis_dof", "nis_known")
     lower, upper = chi_square_band(summed.values, summed.values, confidence)
     return xr.Dataset(
         {
@@ -102,3 +108,32 @@ def nis_statistics(dataset: xr.Dataset, confidence: float = 0.95) -> xr.Dataset:
             "upper": (summed.dims, upper),
         }
     )
+
+
+def consistency_sums(dataset: xr.Dataset, kinds: Collection[str] = ("nees", "nis")) -> dict[str, Array]:
+    """Return sums over the trials (estimator, time): ``nees``, ``nis`` and ``nis_dof``, and how many trials have one.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        With ``nees``, or ``nis`` and ``nis_dof``, (estimator, trial, time).
+    kinds : collection of {'nees', 'nis'}
+        Which are wanted.
+    """
+    dims = ("estimator", "trial", along(dataset))
+    found = {}
+    if "nees" in kinds:
+        nees = dataset["nees"].transpose(*dims)
+        known = nees.notnull()
+        found |= {"nees": nees.where(known, 0.0), "nees_known": known}
+    if "nis" in kinds:
+        nis, freedom = dataset["nis"].transpose(*dims), dataset["nis_dof"].transpose(*dims)
+        known = nis.notnull() & (freedom > 0)
+        found |= {"nis": nis.where(known, 0.0), "nis_dof": freedom.where(known, 0.0), "nis_known": known}
+    return {name: np.asarray(values.sum("trial").values, dtype=float) for name, values in found.items()}
+
+
+def _curves(dataset: xr.Dataset, sums: Mapping[str, Array], *names: str) -> list[xr.DataArray]:
+    axis = along(dataset)
+    coordinates = {name: dataset[name] for name in ("estimator", axis) if name in dataset.coords}
+    return [xr.DataArray(sums[name], coordinates, ("estimator", axis)) for name in names]

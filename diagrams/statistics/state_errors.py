@@ -6,6 +6,8 @@ infinite: the trial is lost.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -80,7 +82,7 @@ def axis_errors(dataset: xr.Dataset) -> xr.DataArray:
     return difference.where(~lost, np.inf).transpose("estimator", "trial", along(dataset), "state")
 
 
-def errors(dataset: xr.Dataset) -> xr.Dataset:
+def errors(dataset: xr.Dataset, only: Collection[str] = QUANTITIES) -> xr.Dataset:
     """Return the errors of a study in the terms of the field.
 
     Parameters
@@ -88,6 +90,8 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
     dataset : xarray.Dataset
         A study's result; its state has x, y and maybe z, and vx, vy and maybe vz if there is a velocity, in the axes
         that the attribute ``frame`` names (Earth-fixed ones without it).
+    only : collection of str
+        Which of `QUANTITIES` are wanted; others may be left out.
 
     Returns
     -------
@@ -107,7 +111,7 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
     has = frame.quantities(true)
     place = [states.index(name) for name in POSITION if name in true]
     own = scored(dataset).values[:, None, None, :]
-    moving = [states.index(name) for name in VELOCITY if name in true]
+    moving = [states.index(name) for name in VELOCITY if name in true] if {*only} - {"position", "height"} else []
     axis = along(dataset)
     dims = ("estimator", "trial", axis)
     estimate = dataset["estimate"].transpose(*dims, "state").values
@@ -131,9 +135,9 @@ def errors(dataset: xr.Dataset) -> xr.Dataset:
         if moving:
             moved, true_moved = usable[..., moving], truth.values[..., moving]
             found["velocity"] = judged(np.linalg.norm(moved - true_moved, axis=-1), moving)
-        if frame.height is not None and "height" in has:
+        if frame.height is not None and "height" in has and "height" in only:
             found["height"] = judged(frame.height(here) - frame.height(there), place)
-        if frame.course_and_speed is not None and "speed" in has:
+        if frame.course_and_speed is not None and "speed" in has and moving:
             both = [*place, *moving]
             course, speed = frame.course_and_speed(here, moved)
             true_course, true_speed = frame.course_and_speed(there, true_moved)
