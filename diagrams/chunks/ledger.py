@@ -14,6 +14,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ Array = NDArray[np.float64]
 CHUNKS = ".quietfix-chunks"
 """Folder beside the store of an unfinished run."""
 _PLAN = "plan.json"
+_TALLY = "tally_"
 _NAME = re.compile(r"(plan\.json|\d+\.npz)(\.\d+)?")
 OWN = re.compile(rf"{re.escape(CHUNKS)}/({_NAME.pattern})?")
 """Names of what it holds, and of itself where it is empty."""
@@ -62,12 +64,13 @@ class Ledger:
         self._write(_PLAN, self.plan.text().encode())
 
     def record(self, part: Part, files: Mapping[str, str]) -> None:
-        """Say that a chunk is finished: its part of the sums, and the fingerprints of its files by name."""
+        """Say that a chunk is finished: its part of all sums, and the fingerprints of its files by name."""
         beside = self._folder / f"{part.number}.npz.{os.getpid()}"
-        nothing = np.zeros(0)
+        sums = np.zeros(0) if part.sums is None else part.sums
+        tally: dict[str, Any] = {f"{_TALLY}{name}": values for name, values in part.tally.items()}
         try:
             with beside.open("wb") as stream:
-                np.savez(stream, sums=nothing if part.sums is None else part.sums, files=json.dumps(dict(files)))
+                np.savez(stream, sums=sums, files=json.dumps(dict(files)), **tally)
                 stream.flush()
                 os.fsync(stream.fileno())
             beside.replace(self._folder / f"{part.number}.npz")
@@ -98,6 +101,13 @@ class Ledger:
         for number in self.finished():
             sums, _ = self._entry(number)
             yield sums if sums.size else None
+
+    def tallies(self) -> Iterator[dict[str, Array]]:
+        """Yield the sums of errors, NEES and NIS of the recorded chunks in their order, see `Part.tally`."""
+        for number in self.finished():
+            with np.load(self._folder / f"{number}.npz", allow_pickle=False) as entry:
+                names = [name for name in entry.files if name.startswith(_TALLY)]
+                yield {name.removeprefix(_TALLY): entry[name] for name in names}
 
     def _entry(self, number: int) -> tuple[Array, dict[str, str]]:
         with np.load(self._folder / f"{number}.npz", allow_pickle=False) as entry:

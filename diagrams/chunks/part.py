@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import xarray as xr
@@ -30,6 +30,8 @@ class Part:
         Its part of the sums over all trials, see `quietfix.diagrams.statistics.bounds.StudyBounds.take`.
     told : tuple of str
         Warnings of a process that cannot print them itself.
+    tally : mapping of str to ndarray
+        Its part of the sums of errors, NEES and NIS, see `quietfix.diagrams.statistics.tally.Tally`; empty: not known.
     """
 
     number: int
@@ -37,6 +39,7 @@ class Part:
     dataset: xr.Dataset
     sums: Array | None = None
     told: tuple[str, ...] = ()
+    tally: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def end(self) -> int:

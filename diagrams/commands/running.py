@@ -24,6 +24,7 @@ from quietfix.diagrams.tables.summary import summary_notes, summary_table
 if TYPE_CHECKING:
     from quietfix.diagrams.assembly.recorded import Report
     from quietfix.diagrams.scale.resuming import Earlier
+    from quietfix.diagrams.statistics.tally import Ensemble
     from quietfix.diagrams.studies.study import Study
 from quietfix.diagrams.writers.whole_file import written_beside
 
@@ -44,7 +45,7 @@ def run_command(
 ) -> Report | None:
     """Run a study, print its table and write its folder; return what a recording tells; see ``quietfix run --help``."""
     from quietfix.diagrams.scale.asked import writes_itself
-    from quietfix.diagrams.scale.resuming import interrupted, joined, run_into
+    from quietfix.diagrams.scale.resuming import ensemble_of, interrupted, joined, run_into
     from quietfix.diagrams.scale.workers import check_workers, parts_by
     from quietfix.diagrams.statistics.metrics import summarise
 
@@ -72,11 +73,12 @@ def run_command(
         return None
     with folder:
         dataset = run_into(folder, study, parts_by(study, plan, folder.left, progress, workers, scheduler))
-        estimators = summarise(dataset)
+        known = ensemble_of(folder, dataset)
+        estimators = summarise(dataset, known)
         report = study.report(dataset)
         told = None if report is None else report.summary()
         write_summary(folder.work / "summary.json", dataset, estimators, began, told)
-        _illustrate(dataset, study, folder.work)
+        _illustrate(dataset, study, folder.work, known)
         if report is not None:
             report.draw(folder.work)
         if write and not writes_itself(study.found):
@@ -178,11 +180,11 @@ def _print_all(dataset: xr.Dataset, estimators: Mapping[str, Any], report: Repor
             _print_all(dataset, estimators, further, True)
 
 
-def _illustrate(dataset: xr.Dataset, study: Any, folder: Path) -> None:
+def _illustrate(dataset: xr.Dataset, study: Any, folder: Path, known: Ensemble) -> None:
     from quietfix.diagrams.assembly.drawing import draw
     from quietfix.diagrams.figures import study_figures
 
-    study_figures(dataset, folder)
+    study_figures(dataset, folder, known)
     header = f"{study.request.system}: {study.request.trials} trials"
     draw(study.picture, folder / "diagram.svg", dashed=study.probe.dashed, header=header, contents=study.probe.contents)
 

@@ -1,4 +1,5 @@
 """Long studies as commands run them: from where an interrupted run has come to, and by several processes.
 
-May import: diagrams.assembly, diagrams.chunks, diagrams.console, diagrams.schema, diagrams.studies.
+May import: diagrams.assembly, diagrams.chunks, diagrams.console, diagrams.schema, diagrams.statistics,
+diagrams.studies.
 """

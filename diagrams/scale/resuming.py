@@ -15,6 +15,7 @@ from quietfix.diagrams.chunks.part import Part, added
 from quietfix.diagrams.chunks.plan import Plan
 from quietfix.diagrams.console.terminal import say
 from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.tally import Ensemble, together
 from quietfix.diagrams.studies.described import described
 from quietfix.diagrams.studies.marker import read_mark
 from quietfix.diagrams.studies.output import OutputFolder
@@ -23,7 +24,7 @@ from quietfix.diagrams.studies.store import read_attributes
 from quietfix.diagrams.studies.study import Study
 from quietfix.diagrams.studies.whole import join
 
-__all__ = ["Earlier", "earlier", "interrupted", "joined", "run_into", "say_interrupted"]
+__all__ = ["Earlier", "earlier", "ensemble_of", "interrupted", "joined", "run_into", "say_interrupted"]
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,13 @@ def run_into(folder: OutputFolder, study: Study, parts: Iterable[Part]) -> xr.Da
     bounds = study.bounds(added(folder.ledger.sums()), times)
     folder.add(described(xr.Dataset(bounds, attrs=study.attributes())))
     return open_result(folder.store)
+
+
+def ensemble_of(folder: OutputFolder, dataset: xr.Dataset) -> Ensemble:
+    """Return what can be told of all trials of a result that `run_into` wrote, from the sums of its chunks."""
+    assert folder.ledger is not None
+    tallies = list(folder.ledger.tallies())
+    return Ensemble(dataset, together(tallies) if all(tallies) else None)
 
 
 def joined(study: Study, parts: Iterable[Part]) -> xr.Dataset:

@@ -18,6 +18,7 @@ from quietfix.diagrams.chunks.plan import Plan
 from quietfix.diagrams.console.progress import Progress
 from quietfix.diagrams.scale.asked import built
 from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.statistics.tally import tally_of
 from quietfix.diagrams.studies.rerun import ask_as
 from quietfix.diagrams.studies.study import Study
 
@@ -79,7 +80,8 @@ def run_chunk(plan: str, number: int) -> Part:
             _STUDIES.clear()
             _STUDIES[plan] = study
         (part,) = _STUDIES[plan].parts(numbers=(number,))
-    return replace(part, told=tuple(str(one.message) for one in told if one.category is UserWarning))
+    words = tuple(str(one.message) for one in told if one.category is UserWarning)
+    return replace(part, told=words, tally=tally_of(part.dataset))
 
 
 def parts_by(
@@ -102,7 +104,9 @@ def parts_by(
         The address of a cluster instead; with neither this process runs them.
     """
     if workers is None and scheduler is None:
-        yield from study.parts(progress, numbers=numbers)
+        for part in study.parts(progress, numbers=numbers):
+            yield replace(part, tally=tally_of(part.dataset))
+            del part
         return
     if not numbers:
         return

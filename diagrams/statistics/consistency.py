@@ -121,7 +121,7 @@ def consistency_sums(dataset: xr.Dataset, kinds: Collection[str] = ("nees", "nis
         Which are wanted.
     """
     dims = ("estimator", "trial", along(dataset))
-    found = {}
+    found: dict[str, xr.DataArray] = {}
     if "nees" in kinds:
         nees = dataset["nees"].transpose(*dims)
         known = nees.notnull()

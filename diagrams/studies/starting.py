@@ -79,7 +79,6 @@ class _Reason:
         if self._most == 0:
             return "nothing is measured at any epoch (out of sight, or all rows dropped)"
         if self._most is not None and self._most < self._rows:
-            return (
-                f"at most {self._most} of {self._rows} rows are measured at once, and the start finds no solution in them"
-            )
+            most = f"at most {self._most} of {self._rows} rows are measured at once"
+            return f"{most}, and the start finds no solution in them"
         return "the start finds no solution at any epoch"

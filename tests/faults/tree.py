@@ -89,7 +89,7 @@ def draw(diagram, path, **options):
     path.write_bytes(b"<!-- a block diagram drawn by quietfix --><svg/>")
 
 
-def illustrate(dataset, study, folder):
+def illustrate(dataset, study, folder, *_):
     """Write what a study's figures are to a folder: one picture, one drawing."""
     (folder / "nees.png").write_bytes(b"png" * 100)
     (folder / "diagram.svg").write_text("<svg/>")
@@ -110,7 +110,7 @@ def shorten(monkeypatch):
     monkeypatch.setattr("quietfix.diagrams.scale.asked.Study", ShortStudy)
     monkeypatch.setattr("quietfix.diagrams.studies.study.Study", ShortStudy)
     monkeypatch.setattr("quietfix.diagrams.assembly.drawing.draw", draw)
-    monkeypatch.setattr("quietfix.diagrams.statistics.metrics.summarise", lambda dataset: {})
+    monkeypatch.setattr("quietfix.diagrams.statistics.metrics.summarise", lambda *_: {})
     monkeypatch.setattr(running, "print_summary", lambda *arguments: None)
     monkeypatch.setattr(running, "_illustrate", illustrate)
 
