@@ -10,7 +10,7 @@ from operator import or_
 from pathlib import Path
 from typing import Any
 
-__all__ = ["ESTIMATORS", "blamed", "estimator_options", "in_one_line", "lines_of", "object_at"]
+__all__ = ["ESTIMATORS", "SMOOTHED", "blamed", "estimator_options", "in_one_line", "lines_of", "object_at"]
 
 ESTIMATORS: dict[str, str] = {
     "iekf": "quietfix.systems.options.iekf:Iekf",
@@ -31,6 +31,9 @@ ESTIMATORS: dict[str, str] = {
     "custom": "quietfix.systems.options.custom:Custom",
 }
 """Options class of each estimator, as ``module:Class``."""
+
+SMOOTHED = "quietfix.systems.options.smoothed:Smoothed"
+"""Options class of what is made of another estimator; it has no name of its own."""
 
 
 def in_one_line(error: BaseException) -> str:
@@ -85,4 +88,4 @@ def object_at(path: str) -> Any:
 
 def estimator_options() -> Any:
     """Return the union of the options classes of all registered estimators; each class name is a YAML tag."""
-    return reduce(or_, (object_at(path) for path in ESTIMATORS.values()))
+    return reduce(or_, (object_at(path) for path in (*ESTIMATORS.values(), SMOOTHED)))

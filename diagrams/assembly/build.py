@@ -92,8 +92,11 @@ class Assembly:
 
     @property
     def course(self) -> dict[str, OutputPort]:
-        """What the bounds read of a run."""
+        """What the bounds and the smoothers read of a run."""
         known = {name: self.bus[name] for name in ("truth", "platforms") if name in self.bus}
+        for name, block in self.estimators.items():
+            if block.smoother is not None:
+                known |= {f"{name}/{port}": block.GetOutputPort(port) for port in ("estimate", "covariance")}
         return known | {"sensed": self.sensed}
 
     @property
@@ -228,7 +231,7 @@ def _check_signals(model: Model, bus: Bus) -> None:
 def _estimator(model: Model, bus: Bus, name: str, options: Any) -> Estimator:
     if bus.builder.HasSubsystemNamed(name):
         raise UserError(f"estimators: the name {name} is not allowed; another block of the diagram has it")
-    assumed: Assumed = model.assume(bus, name, options)
+    assumed: Assumed = model.assume(bus, name, getattr(options, "plain", options))
     if not isinstance(assumed, Assumed):
         raise ValueError(
             f"{name}: assume returned {type(assumed).__name__}; quietfix.diagrams.assembly.model.Assumed is needed"

@@ -237,9 +237,10 @@ def _blame_estimator(error: BaseException, estimators: Mapping[str, Any]) -> Non
         if not isinstance(block, Estimator) or id(block) in unmade:
             continue
         name = block.get_name()
-        options = estimators.get(name)
+        options = getattr(estimators.get(name), "plain", None)
         if isinstance(options, Custom):
             raise UserError(options.blame(name, error)) from error
-    for name, options in estimators.items():
+    for name, given in estimators.items():
+        options = getattr(given, "plain", None)
         if isinstance(options, Custom) and options.raised(error):
             raise UserError(options.blame(name, error)) from error

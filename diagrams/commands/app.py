@@ -28,6 +28,7 @@ from quietfix.diagrams.console.arguments import (
     SCENARIO,
     SCHEDULER,
     SET,
+    SMOOTH,
     SYSTEM,
     THREADS,
     TRIALS,
@@ -37,6 +38,7 @@ from quietfix.diagrams.console.arguments import (
     WORKERS,
     WRITE_MEASUREMENTS,
     number,
+    with_smoothers,
 )
 from quietfix.diagrams.identification.options import identify
 
@@ -162,6 +164,7 @@ def run(
     truth: Annotated[Path | None, TRUTH] = None,
     platforms: Annotated[Path | None, PLATFORMS] = None,
     write_measurements: Annotated[bool, WRITE_MEASUREMENTS] = False,
+    smooth: Annotated[bool, SMOOTH] = False,
 ) -> None:
     """Run a study: print a table; with --out write results.zarr, summary.json, figures and diagram.svg.
 
@@ -170,7 +173,7 @@ def run(
     from quietfix.diagrams.commands.running import run_command
 
     asked = {
-        "estimators": estimators,
+        "estimators": with_smoothers(estimators, smooth),
         "trials": trials,
         "first_trial": first_trial,
         "seed": seed,
@@ -313,13 +316,14 @@ def replay(
     write_measurements: Annotated[bool, WRITE_MEASUREMENTS] = False,
     rate: Annotated[str | None, RATE] = None,
     type_: Annotated[str | None, TYPE] = None,
+    smooth: Annotated[bool, SMOOTH] = False,
 ) -> None:
     """Run a recording: `quietfix run DATASET` in fewer words."""
     from quietfix.diagrams.commands.replay import replay as run_recording
 
     raw = [f"raw.{key}={value}" for key, value in (("rate_hz", rate), ("type", type_)) if value is not None]
-    chosen = [*raw, *(settings or ())]
-    run_recording(dataset, data, out, True, file, chosen, estimators, overwrite, platforms, write_measurements)
+    chosen, smoothed = [*raw, *(settings or ())], with_smoothers(estimators, smooth)
+    run_recording(dataset, data, out, True, file, chosen, smoothed, overwrite, platforms, write_measurements)
 
 
 app.command()(compare)

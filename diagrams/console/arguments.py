@@ -25,6 +25,7 @@ __all__ = [
     "SCHEDULER",
     "SEED",
     "SET",
+    "SMOOTH",
     "SYSTEM",
     "THREADS",
     "TRIALS",
@@ -36,6 +37,7 @@ __all__ = [
     "WRITE_MEASUREMENTS",
     "number",
     "whole",
+    "with_smoothers",
 ]
 
 SYSTEM = typer.Argument(
@@ -54,7 +56,12 @@ DATA = typer.Option(
 ESTIMATOR = typer.Option(
     "--estimator",
     metavar="NAME",
-    help="Run only these: names of the scenario or registry, `default` for all of the scenario, or module:Class.",
+    help="Run only these: names of the scenario or registry, `default` for all of the scenario, module:Class, or "
+    "NAME_smoothed.",
+)
+SMOOTH = typer.Option(
+    "--smooth",
+    help="Beside each Kalman-type filter its smoother, NAME_smoothed: estimates with the later measurements too.",
 )
 
 
@@ -138,3 +145,8 @@ VARY = typer.Option(
     help="Field of the scenario and its values: from A to B in N points, KEY=log:A:B:N by a factor, or KEY=V1,V2,...",
     show_default=False,
 )
+
+
+def with_smoothers(estimators: list[str] | None, smooth: bool) -> list[str] | None:
+    """Return the estimators that are asked for, with the smoothers of all of them where these are."""
+    return [*(estimators or ["default"]), "smoothed"] if smooth else estimators

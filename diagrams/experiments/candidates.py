@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from quietfix.diagrams.assembly.build import build
 from quietfix.diagrams.assembly.find import Found, find
-from quietfix.diagrams.assembly.lineup import select_estimators
+from quietfix.diagrams.assembly.lineup import select_estimators, smoothers_of
 from quietfix.diagrams.assembly.model import Model
 from quietfix.diagrams.assembly.system import System
 from quietfix.systems.registry import ESTIMATORS
@@ -65,7 +65,7 @@ def line_up(system: str | System | Found, scenario: Any, wanted: Sequence[str] |
     wanted : sequence of str, optional
         Names of the scenario or the registry, ``package.module:Class``, ``default``: the scenario's and those of
         `STANDARD`, or ``all``: the scenario's and the whole registry. Of the last two the system takes what it can; a
-        name that is asked for must fit.
+        name that is asked for must fit. ``smoothed`` adds the smoothers of all that can be smoothed.
 
     Raises
     ------
@@ -78,7 +78,8 @@ def line_up(system: str | System | Found, scenario: Any, wanted: Sequence[str] |
     names: list[str] = []
     left_out: dict[str, str] = {}
     lighter: dict[str, Mapping[str, Any]] = {}
-    for asked in wanted or [_DEFAULT]:
+    smooth = "smoothed" in (wanted or ()) and "smoothed" not in scenario.estimators
+    for asked in [one for one in wanted or () if not (smooth and one == "smoothed")] or [_DEFAULT]:
         if asked not in (_DEFAULT, _ALL):
             names += select_estimators(scenario, [asked])
             continue
@@ -94,6 +95,8 @@ def line_up(system: str | System | Found, scenario: Any, wanted: Sequence[str] |
                     scenario.estimators[extra] = dataclasses.replace(scenario.estimators[extra], **_LIGHT[extra])
             else:
                 left_out[extra] = reason
+    if smooth:
+        names += smoothers_of(scenario, names)
     return Lineup(scenario, list(dict.fromkeys(names)), model, left_out, lighter)
 
 

@@ -27,6 +27,7 @@ from quietfix.diagrams.quantities.states import (
     shared,
     translated,
 )
+from quietfix.diagrams.statistics.paths.smoothing_bound import smoothing_bound
 from quietfix.diagrams.statistics.posterior_bound import bound_steps
 from quietfix.diagrams.statistics.state_errors import NEEDED, QUANTITIES
 from quietfix.systems.estimators.base import Estimator
@@ -259,13 +260,16 @@ class StudyBounds:
             self._warn_without_prior(name, estimator, start)
             return undefined
         model = estimator.bound_model
-        key = (model, moves, own.names, start, spent)
+        looks = estimator.smoother
+        key = (model, moves, own.names, start, spent, looks and (looks.lag,))
         for known, squares in done:
             if alike(key, known):
                 return squares
         seen = None if present is None else rows_present(self.wired, estimator, present)
         flown = truth if isinstance(moves, CarriedMotion) else None
         steps = bound_steps(state, platforms, self.times, model, moves, start, spent, seen, flown)
+        if looks is not None:
+            steps = iter(smoothing_bound(steps, state if flown is None else flown, self.times, moves, looks.lag))
         both = shared(own.names, names)
         places = columns(own.names, both)
         parts = [

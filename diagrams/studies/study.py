@@ -29,6 +29,7 @@ from quietfix.diagrams.console.progress import Progress
 from quietfix.diagrams.schema.errors import UserError, choose, in_users_words
 from quietfix.diagrams.schema.origins import origins_of
 from quietfix.diagrams.schema.scenario import dump
+from quietfix.diagrams.smoothing.looking_back import look_back
 from quietfix.diagrams.statistics.bounds import StudyBounds
 from quietfix.diagrams.statistics.score import Score
 from quietfix.diagrams.studies.dataset import Shape, states_of
@@ -333,7 +334,8 @@ class Study:
 
             with shared_among(self.request.threads):
                 context = simulate(simulator, running.diagram, self.model, run, self.request.seed, tell)
-            logs.append([recorder.result(context) for recorder in running.recorders])
+            found = [recorder.result(context) for recorder in running.recorders]
+            logs.append(look_back(running.wired, found, run.clock))
             del context
         if together[0].clock is not None:
             times, signals = padded([log[0] for log in logs], together, self._epochs, self.request.every)

@@ -26,6 +26,7 @@ from quietfix.systems.linear_algebra import all_finite
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.signals import EnsembleBlock, components_of
+from quietfix.systems.smoothing.smoother import Smoother
 from quietfix.systems.starts.start import Start
 
 __all__ = ["Estimator"]
@@ -89,6 +90,9 @@ class Estimator(EnsembleBlock):
 
     causal: bool = True
     """False where it uses measurements before they are made (as a paper may)."""
+
+    smoother: Smoother | None = None
+    """What looks back on its estimates when a run is over, if it does."""
 
     note: str = ""
     """What a reader of its results must know."""

@@ -102,6 +102,11 @@ class KalmanEstimator(Estimator):
         return posterior, Innovation(result.innovation, result.nis, result.nis_dof)
 
     @property
+    def plain(self) -> bool:
+        """Whether it remembers what its filter knows, and predicts by it, and nothing else."""
+        return all(getattr(type(self), name) is getattr(KalmanEstimator, name) for name in ("predict", "moments"))
+
+    @property
     def _steps_at_once(self) -> bool:
         """Whether prediction and update are both those that one compiled call makes."""
         if self._whole is None:

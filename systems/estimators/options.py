@@ -32,6 +32,11 @@ class EstimatorOptions(ABC):
         "kinds of measurement that it uses, such as [tdoa, fdoa, phase_a]; empty: all", factory=list
     )
 
+    @property
+    def plain(self) -> EstimatorOptions:
+        """The options that a system looks at: those of the filter within, where one only looks at what that tells."""
+        return self
+
     @abstractmethod
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,27 @@ from quietfix.systems.kernels.updating import by_kernel, by_matrix
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 
-__all__ = ["GaussianFilter", "WrappingFilter", "predict_extended"]
+__all__ = ["GaussianFilter", "Regression", "WrappingFilter", "predict_extended"]
 
 Array = NDArray[np.float64]
+
+
+class Regression(NamedTuple):
+    r"""A step of the motion as a filter sees it: :math:`x_+ \approx \bar x_+ + A (x - \bar x) + e`.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (trials, n)
+        The mean a step later.
+    transition : ndarray, shape (trials, n, n) or (n, n)
+        A.
+    noise : ndarray, shape (trials, n, n) or (n, n)
+        Covariance of e: process noise, and what is not linear.
+    """
+
+    mean: Array
+    transition: Array
+    noise: Array
 
 
 class GaussianFilter(ABC):
@@ -25,6 +44,10 @@ class GaussianFilter(ABC):
     def predict(self, mean: Array, covariance: Array, motion: MotionModel, dt: float) -> tuple[Array, Array]:
         """Return mean and covariance `dt` seconds later; by default the extended Kalman prediction."""
         return predict_extended(mean, covariance, motion, dt)
+
+    def regress(self, mean: Array, covariance: Array, motion: MotionModel, dt: float) -> Regression:
+        """Return what `predict` takes the step for, for a smoother; by default the motion's derivative at the mean."""
+        return Regression(motion.propagate(mean, dt), motion.transition(mean, dt), motion.process_noise(mean, dt))
 
     @abstractmethod
     def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:
@@ -55,6 +78,10 @@ class WrappingFilter(GaussianFilter):
     def predict(self, mean: Array, covariance: Array, motion: MotionModel, dt: float) -> tuple[Array, Array]:
         """See `GaussianFilter.predict`."""
         return self.algorithm.predict(mean, covariance, motion, dt)
+
+    def regress(self, mean: Array, covariance: Array, motion: MotionModel, dt: float) -> Regression:
+        """See `GaussianFilter.regress`."""
+        return self.algorithm.regress(mean, covariance, motion, dt)
 
 
 def predict_extended(mean: Array, covariance: Array, motion: MotionModel, dt: float) -> tuple[Array, Array]:

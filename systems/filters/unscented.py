@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.documented import number
-from quietfix.systems.filters.gaussian import GaussianFilter, predict_extended
+from quietfix.systems.filters.gaussian import GaussianFilter, Regression, predict_extended
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.square_root import Gains, Posterior, report
 from quietfix.systems.filters.whitening import missing_rows
@@ -84,6 +84,22 @@ class UnscentedKalman(GaussianFilter):
         after += centre * np.swapaxes(shift, -1, -2) * shift
         after = symmetric(after) + motion.process_noise(mean, dt)
         return (middle + shift)[..., 0, :], after
+
+    def regress(self, mean: Array, covariance: Array, motion: MotionModel, dt: float) -> Regression:
+        r"""See `GaussianFilter.regress`: statistical linearisation, :math:`A = Y L^{-1}, \Lambda = \Omega + Q`."""
+        if motion.linear:
+            return super().regress(mean, covariance, motion, dt)
+        c, weight, centre = self._weights(mean.shape[-1])
+        root = cholesky(covariance)
+        spread, wide = c * np.swapaxes(root, -1, -2), mean[..., None, :]
+        middle = motion.propagate(mean, dt)[..., None, :]
+        plus, minus = motion.propagate(wide + spread, dt) - middle, motion.propagate(wide - spread, dt) - middle
+        even = 0.5 * (plus + minus)
+        shift = 2 * weight * even.sum(axis=-2, keepdims=True)
+        bends = even - shift
+        omega = 2 * weight * (np.swapaxes(bends, -1, -2) @ bends) + centre * np.swapaxes(shift, -1, -2) * shift
+        transition = np.swapaxes((plus - minus) / (2 * c), -1, -2) @ inverse_lower(root)
+        return Regression((middle + shift)[..., 0, :], transition, omega + motion.process_noise(mean, dt))
 
     def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:
         """See `GaussianFilter.update`."""

@@ -15,12 +15,14 @@ from quietfix.diagrams.console.arguments import (
     SCENARIO,
     SEED,
     SET,
+    SMOOTH,
     SYSTEM,
     THREADS,
     TRIALS,
     VARY,
     number,
     whole,
+    with_smoothers,
 )
 
 __all__ = ["compare", "sweep", "verify"]
@@ -41,11 +43,13 @@ def compare(
     data: Annotated[list[Path] | None, DATA] = None,
     threads: Annotated[int, THREADS] = 1,
     overwrite: Annotated[bool, OVERWRITE] = False,
+    smooth: Annotated[bool, SMOOTH] = False,
 ) -> None:
     """Compare estimators on one stream of measurements: errors, bounds, consistency, cost, who is the best."""
     from quietfix.diagrams.commands.judging.comparing import compare_command
 
-    options = {"estimators": estimators, "trials": trials, "seed": seed, "set": settings, "scenario": scenario}
+    asked = with_smoothers(estimators, smooth)
+    options = {"estimators": asked, "trials": trials, "seed": seed, "set": settings, "scenario": scenario}
     compare_command(systems, options | {"data": data, "threads": threads}, at, format_, out, overwrite)
 
 
