@@ -8,7 +8,7 @@ from typing import Any
 from quietfix.systems.kernels.compiling import compiled, inlined
 from quietfix.systems.kernels.gains import advance, correct, least, nothing, posterior_covariance, tell, whiten_rows
 from quietfix.systems.kernels.matrices import cholesky, copy
-from quietfix.systems.kernels.rows import OK, evaluate, mark_missing, residual, whitening
+from quietfix.systems.kernels.rows import OK, evaluate, is_diagonal, mark_missing, residual, whitening
 
 __all__ = ["RAISED", "update"]
 
@@ -50,11 +50,11 @@ def update(
     """
     trials, n = mean.shape
     m, full = chosen.shape[0], parts[parts.shape[0] - 1, 2]
-    five, three, value, jacobian, squares, tables, weights = _rooms(space, n, m, full)
+    five, three, value, jacobian, squares, rows, weights = _rooms(space, n, m, full)
     x, there, moved, y, spare = five[0], five[1], five[2], five[3], five[4]
     difference, whitened, missing = three[0], three[1], three[2]
-    root, gram, next_gram, rows, weight = squares[0], squares[1], squares[2], tables[0], weights[0]
-    whole = False  # whether `weight` is that of noise that all trials share, without a missing row
+    root, gram, next_gram, weight = squares[0], squares[1], squares[2], weights[0]
+    whole = own = False  # whether `weight` is that of noise that all trials share, without a missing row; diagonal
     for t in range(trials):
         if not cholesky(mean, covariance, t, squares[3:], root):
             nothing(t, out_mean, out_covariance, innovation, nis, used)
@@ -75,10 +75,10 @@ def update(
                     went = whitening(t if noise.shape[0] > 1 else 0, noise, missing, weights[1], weight)
                     if went != OK:
                         return t * 4096 + went
-                    whole = count == m and noise.shape[0] == 1
+                    whole, own = count == m and noise.shape[0] == 1, is_diagonal(weight)
                 tell(t, difference, missing, innovation)
             _pull(difference, jacobian, chosen, missing, there, x)
-            whiten_rows(weight, difference, jacobian, chosen, missing, root, tables[1], whitened, rows)
+            whiten_rows(weight, own, difference, jacobian, chosen, missing, root, whitened, rows)
             next_wide = correct(rows, whitened, next_gram, y, spare)
             if iteration == 0:
                 nis[t] = least(rows, whitened, y) if count > 0 else math.nan
@@ -93,20 +93,20 @@ def update(
 
 @inlined
 def _rooms(space: Any, n: int, m: int, full: int) -> Any:
-    """Return five vectors (n,), three (m,), value and Jacobian, six (n, n), two (m, n) and two (m, m)."""
+    """Return five vectors (n,), three (m,), value and Jacobian, six (n, n), (m, n) and two (m, m)."""
     a = 5 * n
     b = a + 3 * m
     c = b + full
     d = c + full * n
     e = d + 6 * n * n
-    f = e + 2 * m * n
+    f = e + m * n
     return (
         space[:a].reshape(5, n),
         space[a:b].reshape(3, m),
         space[b:c],
         space[c:d].reshape(full, n),
         space[d:e].reshape(6, n, n),
-        space[e:f].reshape(2, m, n),
+        space[e:f].reshape(m, n),
         space[f : f + 2 * m * m].reshape(2, m, m),
     )
 

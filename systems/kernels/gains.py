@@ -8,7 +8,7 @@ from typing import Any
 from quietfix.systems.kernels.compiling import inlined
 from quietfix.systems.kernels.matrices import absorb, factor, solve_lower, solve_upper_of_lower
 
-__all__ = ["advance", "correct", "least", "nothing", "posterior_covariance", "tell", "whiten_rows"]
+__all__ = ["advance", "correct", "least", "nothing", "posterior_covariance", "products", "tell", "whiten_rows"]
 
 _WIDE = 1e8  # as in quietfix.systems.filters.square_root
 _EPSILON = 2.220446049250313e-16
@@ -16,27 +16,33 @@ _EPSILON = 2.220446049250313e-16
 
 @inlined
 def whiten_rows(
-    weight: Any, residual: Any, jacobian: Any, chosen: Any, missing: Any, root: Any, work: Any, out: Any, rows: Any
+    weight: Any, own: bool, residual: Any, jacobian: Any, chosen: Any, missing: Any, root: Any, out: Any, rows: Any
 ) -> None:
-    """Write W r (m,) and Y = W H L (m, n) for the rows that are there; W and L are lower triangular."""
+    """Write W r (m,) and Y = W H L (m, n) for the rows that are there; W and L are lower triangular.
+
+    `own`: W is diagonal.
+    """
     m, n = rows.shape
     for i in range(m):
         for j in range(n):
-            total = 0.0
-            if missing[i] == 0.0:
-                for k in range(j, n):
-                    total += jacobian[chosen[i], k] * root[k, j]
-            work[i, j] = total
-    for i in range(m):
-        for j in range(n):
-            total = 0.0
-            for k in range(i + 1):
-                total += weight[i, k] * work[k, j]
-            rows[i, j] = total
+            rows[i, j] = 0.0
+        if missing[i] == 0.0:
+            for k in range(n):
+                slope = jacobian[chosen[i], k]
+                if slope != 0.0:
+                    for j in range(k + 1):
+                        rows[i, j] += slope * root[k, j]
+    for i in range(m - 1, -1, -1):  # in place: a row of W needs those up to its own
+        first = i if own else 0
         total = 0.0
-        for k in range(i + 1):
+        for k in range(first, i + 1):
             total += weight[i, k] * residual[k]
         out[i] = total
+        for j in range(n):
+            total = 0.0
+            for k in range(first, i + 1):
+                total += weight[i, k] * rows[k, j]
+            rows[i, j] = total
 
 
 @inlined
@@ -46,18 +52,16 @@ def correct(rows: Any, whitened: Any, gram: Any, y: Any, spare: Any) -> int:
     Where M is wide, :math:`[Y; I]` is triangulated as it stands, without forming M.
     """
     m, n = rows.shape
+    products(rows, gram)
     wide = 0
     for i in range(n):
-        y[i] = 0.0
+        total = 0.0
         for k in range(m):
-            y[i] += rows[k, i] * whitened[k]
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(m):
-                total += rows[k, i] * rows[k, j]
-            gram[i, j] = total + 1.0 if i == j else total
-            if gram[i, j] > _WIDE:
-                wide = 1
+            total += rows[k, i] * whitened[k]
+        y[i] = total
+        gram[i, i] += 1.0
+        if gram[i, i] > _WIDE:  # no element of a positive definite matrix exceeds its largest diagonal one
+            wide = 1
     if wide > 0:
         for i in range(n):
             y[i] = 0.0
@@ -79,25 +83,19 @@ def correct(rows: Any, whitened: Any, gram: Any, y: Any, spare: Any) -> int:
 
 @inlined
 def posterior_covariance(t: int, root: Any, gram: Any, wide: int, half: Any, covariance: Any) -> None:
-    r"""Write :math:`A A^T`, :math:`A = L F^{-T}`, for the factor F in `gram`, as that of trial t."""
+    r"""Write :math:`A A^T`, :math:`A = L F^{-T}`, for the factor F in `gram`, as that of trial t; `half` is A^T."""
     n = root.shape[0]
-    for begin in range(0, n - 3, 4):  # four rows at a time: none of them waits for another
+    four = n - n % 4
+    for begin in range(0, four, 4):  # four rows of A at a time: none of them waits for another
         _four_rows(root, gram, half, begin)
-    for i in range(n - n % 4, n):
+    for i in range(four, n):
         for j in range(n):
             total = root[i, j]
             for k in range(j):
-                total -= gram[j, k] * half[i, k]
-            half[i, j] = total / gram[j, j]
+                total -= gram[j, k] * half[k, i]
+            half[j, i] = total / gram[j, j]
+    products(half, covariance[t])
     for i in range(n):
-        four = (i + 1) - (i + 1) % 4
-        for j in range(0, four, 4):
-            _four_products(t, half, i, j, covariance)
-        for j in range(four, i + 1):
-            total = 0.0
-            for k in range(n):
-                total += half[i, k] * half[j, k]
-            covariance[t, i, j] = total
         if wide > 0:
             covariance[t, i, i] += n * n * _EPSILON * covariance[t, i, i]
         for j in range(i):
@@ -106,31 +104,40 @@ def posterior_covariance(t: int, root: Any, gram: Any, wide: int, half: Any, cov
 
 @inlined
 def _four_rows(root: Any, gram: Any, half: Any, i: int) -> None:
-    """Write four rows of L F^-T, from row i on."""
+    """Write four rows of L F^-T, from row i on, as columns."""
     for j in range(root.shape[0]):
         a, b, c, d = root[i, j], root[i + 1, j], root[i + 2, j], root[i + 3, j]
         for k in range(j):
             shared = gram[j, k]
-            a -= shared * half[i, k]
-            b -= shared * half[i + 1, k]
-            c -= shared * half[i + 2, k]
-            d -= shared * half[i + 3, k]
+            a -= shared * half[k, i]
+            b -= shared * half[k, i + 1]
+            c -= shared * half[k, i + 2]
+            d -= shared * half[k, i + 3]
         pivot = gram[j, j]
-        half[i, j], half[i + 1, j], half[i + 2, j], half[i + 3, j] = a / pivot, b / pivot, c / pivot, d / pivot
+        half[j, i], half[j, i + 1], half[j, i + 2], half[j, i + 3] = a / pivot, b / pivot, c / pivot, d / pivot
 
 
 @inlined
-def _four_products(t: int, half: Any, i: int, j: int, covariance: Any) -> None:
-    """Write four elements of row i of A A^T, from column j on."""
-    a = b = c = d = 0.0
-    for k in range(half.shape[0]):
-        shared = half[i, k]
-        a += shared * half[j, k]
-        b += shared * half[j + 1, k]
-        c += shared * half[j + 2, k]
-        d += shared * half[j + 3, k]
-    covariance[t, i, j], covariance[t, i, j + 1] = a, b
-    covariance[t, i, j + 2], covariance[t, i, j + 3] = c, d
+def products(rows: Any, out: Any) -> None:
+    """Write the lower triangle of Y^T Y (n, n) for rows Y (m, n), and some of the upper one, which means nothing."""
+    m, n = rows.shape
+    four = n - n % 4
+    for j in range(0, four, 4):
+        for i in range(j, n):
+            a = b = c = d = 0.0
+            for k in range(m):
+                shared = rows[k, i]
+                a += shared * rows[k, j]
+                b += shared * rows[k, j + 1]
+                c += shared * rows[k, j + 2]
+                d += shared * rows[k, j + 3]
+            out[i, j], out[i, j + 1], out[i, j + 2], out[i, j + 3] = a, b, c, d
+    for j in range(four, n):
+        for i in range(j, n):
+            total = 0.0
+            for k in range(m):
+                total += rows[k, i] * rows[k, j]
+            out[i, j] = total
 
 
 @inlined

@@ -6,37 +6,29 @@ from typing import Any
 
 from quietfix.systems.kernels.calling import call_kernel
 from quietfix.systems.kernels.compiling import compiled, inlined
+from quietfix.systems.kernels.matrices import times
 
 __all__ = ["by_kernel", "by_matrix"]
 
 
 @inlined
 def _spread(t: int, covariance: Any, phi: Any, noise: Any, half: Any, out: Any) -> None:
-    r"""Write :math:`\Phi P \Phi^T + Q`, symmetric, for trial t; the zeros of Phi cost nothing.
+    r"""Write :math:`\Phi P \Phi^T + Q`, symmetric, for trial t.
 
-    All is NaN where one element of P is not finite, as if the zeros had been multiplied.
+    All is NaN where one element of P is not finite, however many zeros Phi has.
     """
     n = phi.shape[0]
     total = 0.0
     for i in range(n):
+        nought = 0.0
         for j in range(n):
-            total += covariance[t, i, j] - covariance[t, i, j]  # 0, or NaN
+            nought += covariance[t, i, j] - covariance[t, i, j]  # 0, or NaN
+        total += nought
+    times(phi, covariance[t], half)
     for i in range(n):
-        for j in range(n):
-            half[i, j] = 0.0
-        for k in range(n):
-            factor = phi[i, k]
-            if factor != 0.0:
-                for j in range(n):
-                    half[i, j] += factor * covariance[t, k, j]
-    for j in range(n):
-        for i in range(n):
-            out[t, i, j] = 0.0
-        for k in range(n):
-            factor = phi[j, k]
-            if factor != 0.0:
-                for i in range(n):
-                    out[t, i, j] += half[i, k] * factor
+        for j in range(i):
+            half[i, j], half[j, i] = half[j, i], half[i, j]
+    times(phi, half, out[t])
     for i in range(n):
         for j in range(i + 1):
             both = 0.5 * (out[t, i, j] + out[t, j, i])

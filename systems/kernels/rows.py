@@ -9,7 +9,7 @@ from quietfix.systems.kernels.calling import call_kernel
 from quietfix.systems.kernels.compiling import inlined
 from quietfix.systems.kernels.matrices import factor
 
-__all__ = ["GAP", "INDEFINITE", "OK", "evaluate", "mark_missing", "residual", "whitening", "wrapped"]
+__all__ = ["GAP", "INDEFINITE", "OK", "evaluate", "is_diagonal", "mark_missing", "residual", "whitening", "wrapped"]
 
 OK, GAP, INDEFINITE = 0, 1, 2
 """What `whitening` returns: done; a row that is there has no finite covariance; the noise is not positive definite."""
@@ -57,12 +57,23 @@ def mark_missing(difference: Any, jacobian: Any, chosen: Any, missing: Any) -> i
     """Write 1 where a row is not finite, else 0; return how many are there."""
     used = 0
     for i in range(chosen.shape[0]):
-        there = math.isfinite(difference[i])
+        nought = difference[i] - difference[i]  # NaN where one is not finite
         for j in range(jacobian.shape[1]):
-            there = there and math.isfinite(jacobian[chosen[i], j])
+            nought += jacobian[chosen[i], j] - jacobian[chosen[i], j]
+        there = nought == 0.0
         missing[i] = 0.0 if there else 1.0
         used += there
     return used
+
+
+@inlined
+def is_diagonal(lower: Any) -> bool:
+    """Return whether a lower triangular matrix is diagonal: that of rows which are independent, as they mostly are."""
+    for i in range(lower.shape[0]):
+        for j in range(i):
+            if lower[i, j] != 0.0:
+                return False
+    return True
 
 
 @inlined

@@ -102,7 +102,7 @@ def by_update(
 
 def workspace(n: int, m: int, rows: int) -> int:
     """Return how many numbers `quietfix.systems.kernels.extended.update` works in, for n states and m rows."""
-    return 5 * n + 3 * m + rows * (n + 1) + 6 * n * n + 2 * m * n + 2 * m * m
+    return 5 * n + 3 * m + rows * (n + 1) + 6 * n * n + m * n + 2 * m * m
 
 
 def _fail(code: int, program: Program, states: Array, platforms: Array) -> None:

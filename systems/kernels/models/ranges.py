@@ -28,15 +28,16 @@ def range_rates(state: Any, platforms: Any, parameters: Any, value: Any, jacobia
     parameters: the scale, the state that is added or -1, 1 where the target has no velocity, then the stations.
     """
     scale, bias, at_rest = parameters[0], int(parameters[1]), parameters[2] > 0.0
+    p, q, r = state[0], state[1], state[2]
+    a0, b0, c0 = (0.0, 0.0, 0.0) if at_rest else (state[3], state[4], state[5])
+    common = state[bias] if bias >= 0 else 0.0
     for k in range(value.shape[0]):
         i = int(parameters[3 + k])
-        x, y, z = state[0] - platforms[i, 0], state[1] - platforms[i, 1], state[2] - platforms[i, 2]
-        u, v, w = -platforms[i, 3], -platforms[i, 4], -platforms[i, 5]
-        if not at_rest:
-            u, v, w = u + state[3], v + state[4], w + state[5]
+        x, y, z = p - platforms[i, 0], q - platforms[i, 1], r - platforms[i, 2]
+        u, v, w = a0 - platforms[i, 3], b0 - platforms[i, 4], c0 - platforms[i, 5]
         distance = math.sqrt(x * x + y * y + z * z)
         rate = (x * u + y * v + z * w) / distance
-        value[k] = scale * (rate + state[bias] if bias >= 0 else rate)
+        value[k] = scale * (rate + common)
         if jacobian.shape[0] > 0:
             a, b, c = x / distance, y / distance, z / distance
             jacobian[k, 0] = scale * ((u - rate * a) / distance)

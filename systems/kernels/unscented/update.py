@@ -7,9 +7,9 @@ from typing import Any
 
 from quietfix.systems.kernels.compiling import compiled, inlined
 from quietfix.systems.kernels.extended import RAISED
-from quietfix.systems.kernels.gains import advance, correct, least, nothing, posterior_covariance, tell
+from quietfix.systems.kernels.gains import advance, correct, least, nothing, posterior_covariance, products, tell
 from quietfix.systems.kernels.matrices import cholesky, factor, repair
-from quietfix.systems.kernels.rows import OK, evaluate, whitening, wrapped
+from quietfix.systems.kernels.rows import OK, evaluate, is_diagonal, whitening, wrapped
 
 __all__ = ["update"]
 
@@ -52,7 +52,7 @@ def update(
     point, y, spare = vectors[0], vectors[1], vectors[2]
     nu, shift, missing, whitened, bend = rows_of_m[0], rows_of_m[1], rows_of_m[2], rows_of_m[3], rows_of_m[4]
     root, gram = squares[0], squares[1]
-    odd, even, rows = of_points[0], of_points[1], of_points[2].reshape(m, n)
+    odd, even, rows = of_points[0].reshape(m, n), of_points[1], of_points[2].reshape(m, n)
     w, omega, inflated = small[0], small[1], small[2]
     whole = False  # whether `w` is that of noise that all trials share, without a missing row
     for t in range(trials):
@@ -118,11 +118,11 @@ def _differences(
     even: Any,
     shift: Any,
 ) -> int:
-    """Write the odd and the even parts (n, m) of h(x +- c L e) - h(x), and the mean of h less h(x).
+    """Write the odd (m, n) and the even parts (n, m) of h(x +- c L e) - h(x), and the mean of h less h(x).
 
     Return the number of the part that raised, or -1.
     """
-    n, m = odd.shape
+    m, n = odd.shape
     alone = root[:0]  # without a row: values alone
     for i in range(n):
         point[i] = mean[t, i]
@@ -147,11 +147,13 @@ def _differences(
             row = chosen[i]
             plus = wrapped(values[1, row] - values[0, row], moduli[i])
             minus = wrapped(values[2, row] - values[0, row], moduli[i])
-            odd[k, i] = (plus - minus) / (2.0 * c)
+            odd[i, k] = plus - minus
             even[k, i] = 0.5 * (plus + minus)
             shift[i] += even[k, i]
     for i in range(m):
         shift[i] *= 2.0 * weight
+        for k in range(n):
+            odd[i, k] /= 2.0 * c
     return -1
 
 
@@ -169,7 +171,7 @@ def _innovation(
     missing: Any,
 ) -> int:
     """Write the innovation, 0 with all that belongs to a row that is missing; return how many are there."""
-    n, m = odd.shape
+    m, n = odd.shape
     count = 0
     for i in range(m):
         nu[i] = wrapped(measured[t, i] - middle[chosen[i]], moduli[i]) - shift[i]
@@ -179,7 +181,7 @@ def _innovation(
         if not there:
             nu[i] = shift[i] = 0.0
             for k in range(n):
-                odd[k, i] = even[k, i] = 0.0
+                odd[i, k] = even[k, i] = 0.0
     return count
 
 
@@ -187,23 +189,19 @@ def _innovation(
 def _inflation(even: Any, shift: Any, w: Any, weight: float, centre: float, bend: Any, omega: Any) -> None:
     """Write I + Omega, whitened by the lower triangular `w`; its lower triangle alone."""
     n, m = even.shape
-    own = _is_diagonal(w)
+    own = is_diagonal(w)
     for i in range(m):
         total = 0.0
         for j in range(i if own else 0, i + 1):
             total += w[i, j] * shift[j]
         bend[i] = total
-        for j in range(i + 1):
-            omega[i, j] = 0.0
     for k in range(n):
         for i in range(m - 1, -1, -1):  # in place: row i of W needs the elements up to i
             total = 0.0
             for j in range(i if own else 0, i + 1):
                 total += w[i, j] * (even[k, j] - shift[j])
             even[k, i] = total
-        for i in range(m):
-            for j in range(i + 1):
-                omega[i, j] += even[k, i] * even[k, j]
+    products(even, omega)
     for i in range(m):
         for j in range(i + 1):
             omega[i, j] = 2.0 * weight * omega[i, j] + centre * bend[i] * bend[j]
@@ -211,36 +209,29 @@ def _inflation(even: Any, shift: Any, w: Any, weight: float, centre: float, bend
 
 
 @inlined
-def _is_diagonal(w: Any) -> bool:
-    """Return whether the rows are independent, as they mostly are."""
-    for i in range(w.shape[0]):
-        for j in range(i):
-            if w[i, j] != 0.0:
-                return False
-    return True
-
-
-@inlined
 def _whiten(omega: Any, w: Any, work: Any, inflated: Any, nu: Any, odd: Any, whitened: Any, rows: Any) -> None:
-    """Write F nu and the rows F odd^T (m, n), F the inverse of the root of R + Omega; NaN where it has none."""
-    m = w.shape[0]
+    """Write F nu and the rows F odd (m, n), F the inverse of the root of R + Omega; NaN where it has none."""
+    m, n = rows.shape
     _root(omega, work)
     for i in range(m):
         for j in range(i + 1):
-            total = w[i, j]
-            for k in range(j, i):
-                total -= omega[i, k] * inflated[k, j]
-            inflated[i, j] = total / omega[i, i]
+            inflated[i, j] = w[i, j]
+        for k in range(i):
+            shared = omega[i, k]
+            for j in range(k + 1):
+                inflated[i, j] -= shared * inflated[k, j]
+        for j in range(i + 1):
+            inflated[i, j] /= omega[i, i]
     for i in range(m):
         total = 0.0
+        for k in range(n):
+            rows[i, k] = 0.0
         for j in range(i + 1):
-            total += inflated[i, j] * nu[j]
+            shared = inflated[i, j]
+            total += shared * nu[j]
+            for k in range(n):
+                rows[i, k] += shared * odd[j, k]
         whitened[i] = total
-        for k in range(rows.shape[1]):
-            total = 0.0
-            for j in range(i + 1):
-                total += inflated[i, j] * odd[k, j]
-            rows[i, k] = total
 
 
 @inlined
