@@ -97,7 +97,8 @@ def race(peers: Sequence[Peer], size: Size) -> dict[str, Timing]:
 
     Every peer first runs once untimed: caches fill, and its result can be held against the others'. A round is
     ``size.slices`` turns of every peer, one peer after the other, so that what else the machine does within a
-    second or so falls on all of them; the order rotates from turn to turn. The garbage collector stays on, as it is
+    second or so falls on all of them; the order rotates from turn to turn. What counts is processor time: all peers
+    run in one thread. The garbage collector stays on, as it is
     for users, but starts every turn with nothing to do.
 
     Returns
@@ -122,15 +123,15 @@ def race(peers: Sequence[Peer], size: Size) -> dict[str, Timing]:
 def _turn(peer: Peer, turn: int, size: Size) -> tuple[float, float]:
     """Return the seconds of one turn, and how much of a whole run was done in it."""
     gc.collect()
-    begun = time.perf_counter()
+    begun = time.process_time()
     if peer.parts:
         peer.parts[turn]()
-        return time.perf_counter() - begun, 1 / size.slices
+        return time.process_time() - begun, 1 / size.slices
     runs = 0
-    while runs == 0 or time.perf_counter() - begun < size.seconds:
+    while runs == 0 or time.process_time() - begun < size.seconds:
         peer.run()
         runs += 1
-    return time.perf_counter() - begun, runs
+    return time.process_time() - begun, runs
 
 
 def ratios(one: Timing, other: Timing) -> list[float]:

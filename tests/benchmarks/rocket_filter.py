@@ -249,7 +249,7 @@ def compare(size: Size) -> Section:
     )
     mine = timings[QUIETFIX]
     section.rows.append((QUIETFIX, microseconds(mine.costs), "1", "", ""))
-    limits = {STONE_SOUP: Threshold(40, True), STONE_SOUP_LINEAR: None, FILTERPY: Threshold(15, True)}
+    limits = {STONE_SOUP: Threshold(40, True), STONE_SOUP_LINEAR: None, FILTERPY: Threshold(100, True)}
     for name, threshold in limits.items():
         gain = ratios(timings[name], mine)
         verdict = ("", "") if threshold is None else (str(threshold), section.judge(gain, threshold))
