@@ -66,7 +66,7 @@ class Columns:
 
     def __init__(self, trials: int, columns: int) -> None:
         self.trials, self.columns = trials, columns
-        self._spool: Any = SpooledTemporaryFile(_IN_MEMORY)  # noqa: SIM115: as long as this object
+        self._spool: Any = SpooledTemporaryFile(_IN_MEMORY)  # noqa: SIM115
 
     def put(self, begin: int, numbers: Array) -> None:
         """Take the numbers (some trials, columns) of the trials from `begin` on."""
