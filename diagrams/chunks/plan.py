@@ -10,7 +10,7 @@ from typing import Any
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.schema.scenario import read_yaml
 
-__all__ = ["Plan"]
+__all__ = ["Plan", "differences"]
 
 
 @dataclass(frozen=True)
@@ -71,15 +71,18 @@ class Plan:
             Naming the first field that differs, its value here and there.
         """
         mine, its = ({"trials": plan.trials, **plan.asked, "chunk": plan.chunk} for plan in (self, other))
-        for key, was, now in _differences(mine, its):
+        for key, was, now in differences(mine, its):
             raise UserError(f"{option}: {key}: {now} is not allowed; {words} has {was}")
 
 
 _NONE = object()
 
 
-def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Yield the names of the fields that differ, and both values."""
+def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Yield the names of the fields that differ between what was asked for and what is, and both values.
+
+    Those of a scenario by their dotted keys, and then the scenario as a whole.
+    """
     for key in [*before, *(key for key in after if key not in before)]:
         was, now = before.get(key, _NONE), after.get(key, _NONE)
         if was == now:

@@ -9,6 +9,7 @@ import typer
 
 from quietfix.diagrams.commands.judging.options import compare, sweep, verify
 from quietfix.diagrams.commands.replay_help import ReplayHelp
+from quietfix.diagrams.commands.results.options import diff, export, inspect, plot
 from quietfix.diagrams.console.arguments import (
     CHUNK,
     DATA,
@@ -330,3 +331,5 @@ app.command()(compare)
 app.command()(sweep)
 app.command()(verify)
 app.command()(identify)
+for command in (inspect, plot, diff, export):
+    app.command()(command)

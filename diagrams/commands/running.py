@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from quietfix.diagrams.assembly.find import FORMS, Found, find
+from quietfix.diagrams.commands.results.drawn import illustrate as _illustrate
 from quietfix.diagrams.console.tables import print_table
 from quietfix.diagrams.console.terminal import say
 from quietfix.diagrams.schema.errors import UserError
@@ -24,7 +25,6 @@ from quietfix.diagrams.tables.summary import summary_notes, summary_table
 if TYPE_CHECKING:
     from quietfix.diagrams.assembly.recorded import Report
     from quietfix.diagrams.scale.resuming import Earlier
-    from quietfix.diagrams.statistics.tally import Ensemble
     from quietfix.diagrams.studies.study import Study
 from quietfix.diagrams.writers.whole_file import written_beside
 
@@ -178,15 +178,6 @@ def _print_all(dataset: xr.Dataset, estimators: Mapping[str, Any], report: Repor
             say(line)
         for further in getattr(report, "further", ()):
             _print_all(dataset, estimators, further, True)
-
-
-def _illustrate(dataset: xr.Dataset, study: Any, folder: Path, known: Ensemble) -> None:
-    from quietfix.diagrams.assembly.drawing import draw
-    from quietfix.diagrams.figures import study_figures
-
-    study_figures(dataset, folder, known)
-    header = f"{study.request.system}: {study.request.trials} trials"
-    draw(study.picture, folder / "diagram.svg", dashed=study.probe.dashed, header=header, contents=study.probe.contents)
 
 
 def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:

@@ -170,7 +170,10 @@ class Sweep:
             every = epoch if epoch > 0 else len(ticks)
             study = ComparedStudy(found, scenario=point, every=every, model=model, **options)
             self._studies.append((study, epoch, ticks))
-        self.attributes = self._studies[0][0].attributes() | {"key": self.vary.key}
+        self.attributes = self._studies[0][0].attributes() | {
+            "key": self.vary.key,
+            "geometric": int(self.vary.geometric),
+        }
 
     def points(self, progress: bool = False) -> Iterator[xr.Dataset]:
         """Run the points one after the other and yield each as a Dataset with the dimension ``point``."""
