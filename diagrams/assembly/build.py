@@ -8,6 +8,7 @@ from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
+from quietfix.diagrams.assembly.biased import biased
 from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.assembly.checks import check_assumed
 from quietfix.diagrams.assembly.model import Assumed, Model
@@ -96,7 +97,9 @@ class Assembly:
         known = {name: self.bus[name] for name in ("truth", "platforms") if name in self.bus}
         for name, block in self.estimators.items():
             if block.smoother is not None:
-                known |= {f"{name}/{port}": block.GetOutputPort(port) for port in ("estimate", "covariance")}
+                whole = block.HasOutputPort("whole")
+                ports = ("whole", "whole_covariance") if whole else ("estimate", "covariance")
+                known |= {f"{name}/{port}": block.GetOutputPort(port) for port in ports}
         return known | {"sensed": self.sensed}
 
     @property
@@ -167,7 +170,7 @@ class Assembly:
         for motion in (getattr(self.truth.get_system(), "motion", None), self.model.truth_motion):
             if isinstance(motion, MotionModel) and motion.size == size:
                 return tuple(motion.names)
-        alike = {tuple(e.motion.names) for e in self.estimators.values() if e.motion.size == size}
+        alike = {tuple(e.motion.reported.names) for e in self.estimators.values() if e.motion.reported.size == size}
         if len(alike) != 1:
             raise UserError(f"truth_states: None is not allowed; names of the {size} components of the truth")
         return alike.pop()
@@ -175,7 +178,7 @@ class Assembly:
     @property
     def estimated_names(self) -> tuple[str, ...]:
         """Names of the components that the estimators have: of the largest state, then what others have beside it."""
-        motions = [estimator.motion for estimator in self.estimators.values()]
+        motions = [estimator.motion.reported for estimator in self.estimators.values()]
         if not motions:
             return ()
         largest = max(motions, key=lambda motion: motion.size)
@@ -239,6 +242,7 @@ def _estimator(model: Model, bus: Bus, name: str, options: Any) -> Estimator:
     takes = {"platforms": "known", **assumed.takes}
     carriers = bus.shape(takes["platforms"])
     check_assumed(name, assumed, carriers[1] // 6)
+    assumed = biased(assumed, model.biases, name, options)
     wiring = Wiring(
         bus.trials,
         list(assumed.rows),

@@ -10,6 +10,7 @@ from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.assembly.map import BoundMap, View
 from quietfix.diagrams.assembly.recorded import Recorded
 from quietfix.diagrams.quantities.frame import EARTH_FIXED, Frame, as_frame
+from quietfix.systems.biases.bias import Bias
 from quietfix.systems.clocks import Clock
 from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.wiring import Tails
@@ -114,6 +115,8 @@ class Model:
         those of `quietfix.diagrams.maps.default`.
     view : View, optional
         What those show.
+    biases : sequence of Bias
+        Biases of the measurement that Gaussian filters know may be there: they stand behind the states of `assume`.
     """
 
     clock: Clock
@@ -134,6 +137,7 @@ class Model:
     recorded: Recorded | None = None
     map: Callable[[], BoundMap] | None = None
     view: View | None = None
+    biases: Sequence[Bias] = ()
 
     def __post_init__(self) -> None:
         """Check the frame.

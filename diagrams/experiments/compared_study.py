@@ -41,7 +41,7 @@ class ComparedStudy(Study):
     def states(self) -> dict[str, int]:
         """How many states the NEES is about, by estimator."""
         truth = self.probe.truth_names
-        return {name: len(shared(block.motion.names, truth)) for name, block in self.probe.estimators.items()}
+        return {name: len(shared(block.motion.reported.names, truth)) for name, block in self.probe.estimators.items()}
 
     @property
     def feedback(self) -> list[str]:

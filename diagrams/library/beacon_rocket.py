@@ -24,6 +24,7 @@ from quietfix.diagrams.library.models.beacon_rocket import (
     warn_unobservable,
 )
 from quietfix.diagrams.library.parts.beacon_rocket import BeaconFlight, OffsetStart
+from quietfix.diagrams.parts.biases import Biasable, believed_biases, row_units
 from quietfix.diagrams.parts.impairment import Impaired, KnownPlatforms
 from quietfix.diagrams.parts.launch import (
     station_names,
@@ -79,6 +80,10 @@ def declare(scenario: Scenario) -> Model:
         platforms=station_names(scenario),
         frame=LAUNCH,
         map=partial(bound_map, scenario),
+        biases=believed_biases(
+            scenario.belief.biases,
+            Biasable(row_units(real), {"range_rate": real.names}, platforms=station_names(scenario)),
+        ),
     )
 
 

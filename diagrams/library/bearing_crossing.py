@@ -31,6 +31,7 @@ from quietfix.diagrams.library.models.bearing_crossing import (
     target_motion,
     target_state,
 )
+from quietfix.diagrams.parts.biases import Biasable, believed_biases, row_units
 from quietfix.diagrams.parts.impairment import Impaired, Mount, NavigationError
 from quietfix.diagrams.parts.movers import ModelTarget, Platforms
 from quietfix.diagrams.parts.sensing import TargetSensor
@@ -58,6 +59,8 @@ def declare(scenario: Scenario) -> Model:
     real, model = (sensor_model(scenario, believed) for believed in (False, True))
     start = bearing_start(scenario, model, motion)
 
+    mounts = [Mount(real.names)]
+
     def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
         check_rows(name, options, model)
         source = getattr(options, "bearings", "raw")
@@ -75,7 +78,7 @@ def declare(scenario: Scenario) -> Model:
             Platforms(lambda: Path(path)),
             ModelTarget(motion, clock, target_state(scenario), place, shared=spread == 0),
             TargetSensor("sensor", real, clock, gives=["measured"]),
-            Impaired(real, clock, truth.errors, mounts=[Mount(real.names)], axes=axes),
+            Impaired(real, clock, truth.errors, mounts=mounts, axes=axes),
             NavigationError(truth.sigma_navigation_m, truth.navigation_time_s, clock, axes),
         ],
         assume=assume,
@@ -85,6 +88,10 @@ def declare(scenario: Scenario) -> Model:
         frame=LOCAL,
         rows=model.names,
         map=partial(bound_map, scenario),
+        biases=believed_biases(
+            scenario.belief.biases,
+            Biasable(row_units(model), {}, {}, mounts, ("observer",), axes, truth.errors),
+        ),
     )
 
 

@@ -24,13 +24,14 @@ from quietfix.diagrams.library.models.dual_satellite import (
     target_state,
 )
 from quietfix.diagrams.parts import formation
+from quietfix.diagrams.parts.biases import Biasable, believed_biases, groups_of, row_units
 from quietfix.diagrams.parts.dual_signal import Signal
 from quietfix.diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
 from quietfix.diagrams.parts.movers import Emitter, Platforms, true_motion
 from quietfix.diagrams.parts.sensing import TargetSensor
 from quietfix.systems.clocks import Periodic
 from quietfix.systems.estimators.options import EstimatorOptions
-from quietfix.systems.geometry.body_frame import body_frame
+from quietfix.systems.geometry.body_frame import NadirAxes
 from quietfix.systems.geometry.visibility import ElevationMask
 from quietfix.systems.measurement.altitude import Altitude
 from quietfix.systems.measurement.position import Position
@@ -65,7 +66,8 @@ def declare(scenario: Scenario) -> Model:
         "assumed_height": Altitude(truth.sigma_assumed_height_km * _KM, "assumed_height"),
     }
     noise = dict.fromkeys(("noise_covariance", "start_noise_covariance") if chain else (), "noise_covariance")
-    rate = scenario.constants.earth_rate_radps
+    mounts = [Mount(stack.models[0].names, 0, NadirAxes(scenario.constants.earth_rate_radps))]
+    clocks = {"tdoa_10": (1, 0)}
 
     def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
         motion = ConstantVelocity(scenario.belief.acceleration_mps2)
@@ -79,13 +81,7 @@ def declare(scenario: Scenario) -> Model:
             Platforms(orbit.again),
             Emitter(truth.motion, start_state, clock),
             *sensors,
-            Impaired(
-                stack,
-                clock,
-                errors,
-                mounts=[Mount(stack.models[0].names, 0, lambda platform: body_frame(platform[..., None, :], 0, rate))],
-                clocks={"tdoa_10": (1, 0)},
-            ),
+            Impaired(stack, clock, errors, mounts, clocks),
             *(TargetSensor(port, known[port], clock, mask) for port in known if port in start.inputs),
             KnownPlatforms(errors.sigma_platform_position_m, errors.sigma_platform_velocity_mps),
         ],
@@ -97,6 +93,10 @@ def declare(scenario: Scenario) -> Model:
         note=chain.note if chain else "",
         widest=chain.widest if chain else None,
         map=partial(bound_map, scenario),
+        biases=believed_biases(
+            scenario.belief.biases,
+            Biasable(row_units(stack), groups_of(real), clocks, mounts, PLATFORMS, errors=errors),
+        ),
     )
 
 

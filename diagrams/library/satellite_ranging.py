@@ -7,6 +7,7 @@ Progress in Natural Science (in Chinese), received 2008. The frame is inertial t
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache, partial
 
 import numpy as np
@@ -28,15 +29,19 @@ from quietfix.diagrams.library.models.satellite_ranging import (
     true_sensor,
 )
 from quietfix.diagrams.library.parts.satellite_ranging import OrbitingTarget, add_preview, orbit_block
+from quietfix.diagrams.parts.biases import Biasable, believed_biases, row_units
 from quietfix.diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
 from quietfix.diagrams.parts.movers import Platforms
 from quietfix.diagrams.parts.sensing import TargetSensor
 from quietfix.diagrams.parts.sensor_errors import NO_CLOCKS, refuse
 from quietfix.diagrams.quantities.frame import INERTIAL
+from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.angles.relative_kinematics import ROWS, rows_of
+from quietfix.systems.biases.bias import Bias
 from quietfix.systems.clocks import Periodic
 from quietfix.systems.estimators.options import EstimatorOptions
 from quietfix.systems.fixes.ranged_position import RangedPosition
+from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.orbital import OrbitalMotion
 from quietfix.systems.plants.orbit import DenseOrbit
 from quietfix.systems.plants.recorded import RecordedTruth
@@ -67,7 +72,7 @@ def declare(scenario: Scenario) -> Model:
     known = "truth.sigma_observer_m and truth.sigma_observer_mps say how well the observer is known"
     refuse(truth.errors, "truth.errors", {**NO_CLOCKS, "platform": known})
     real, full, covariance = true_sensor(scenario), believed_sensor(scenario), prior_covariance(scenario)
-    mask = sensor_mask(scenario)
+    mask, mounts = sensor_mask(scenario), [Mount(rows_of(["angles", "rates"]))]
 
     def ranging(bus: Bus, name: str = "ranging", feedback: dict[str, str] | None = None) -> None:
         block = Ranging(full, bus.trials, 1, bus.shape("known")[0], feedback is not None, name=name)
@@ -78,6 +83,7 @@ def declare(scenario: Scenario) -> Model:
         ahead = {"preview": partial(add_preview, scenario, clock)}
         if kinds != [_POSITION]:
             return Assumed(believed_sensor(scenario, kinds), motion, start, list(ROWS), on_demand=ahead)
+        _check_ranged(scenario, name)
         model, own = RangedPosition(full), f"ranging_{name}"
         ranging(bus, own, {"prediction": f"{name}.prediction"})
         takes = {port: f"{own}.{port}" for port in ("measurement", "noise_covariance")}
@@ -91,7 +97,7 @@ def declare(scenario: Scenario) -> Model:
             Platforms(lambda: observer().again(), "inertial"),
             OrbitingTarget(target),
             TargetSensor("sensor", real, clock, mask, gives=["measured"]),
-            Impaired(real, clock, truth.errors, mounts=[Mount(rows_of(["angles", "rates"]))]),
+            Impaired(real, clock, truth.errors, mounts),
             KnownPlatforms(truth.sigma_observer_m, truth.sigma_observer_mps, name="observer_error"),
             lambda bus: bus.add(PriorEstimate(covariance, bus.trials), {"initial_estimate": "initial_estimate"}),
             ranging,
@@ -101,11 +107,27 @@ def declare(scenario: Scenario) -> Model:
         signals={port: f"ranging.{port}" for port in ("ranges", "range_sigmas")},
         platforms=("observer",),
         frame=INERTIAL,
+        biases=_biases(scenario, real, mounts),
         # a tenth of the initial error, as in (61): of its expectation, so that all estimators are held to the same
         convergence=0.1 * math.sqrt(np.trace(covariance[:3, :3])),
         # a recorded target has no elements to map over
         map=partial(bound_map, scenario, scenario.target) if isinstance(scenario.target, Kepler) else None,
     )
+
+
+def _check_ranged(scenario: Scenario, name: str) -> None:
+    if scenario.belief.biases:
+        raise UserError(
+            f"estimators.{name}.measurements: [{_POSITION}] is not allowed with belief.biases; a position that is made "
+            "of rows has none of their biases; angles, rates, ..."
+        )
+
+
+def _biases(scenario: Scenario, real: MeasurementModel, mounts: Sequence[Mount]) -> tuple[Bias, ...]:
+    """Return the biases of the scenario's belief."""
+    groups = {kind: rows_of([kind]) for kind in ("angles", "rates")}
+    own = Biasable(row_units(real), groups, mounts=mounts, platforms=("observer",), errors=scenario.truth.errors)
+    return believed_biases(scenario.belief.biases, own)
 
 
 SYSTEM = System(

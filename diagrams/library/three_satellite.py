@@ -24,6 +24,7 @@ from quietfix.diagrams.library.models.three_satellite import (
     sensor_stack,
     target_state,
 )
+from quietfix.diagrams.parts.biases import Biasable, believed_biases, groups_of, row_units
 from quietfix.diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
 from quietfix.diagrams.parts.movers import Emitter, Platforms, true_motion
 from quietfix.diagrams.parts.resolving import PhaseResolution
@@ -31,7 +32,7 @@ from quietfix.diagrams.parts.sensing import TargetSensor
 from quietfix.systems.clocks import Periodic
 from quietfix.systems.estimators.options import EstimatorOptions
 from quietfix.systems.fixes.known_height import Method
-from quietfix.systems.geometry.body_frame import body_frame
+from quietfix.systems.geometry.body_frame import NadirAxes
 from quietfix.systems.geometry.visibility import ElevationMask
 from quietfix.systems.measurement.altitude import Altitude
 from quietfix.systems.motion.constant_velocity import ConstantVelocity
@@ -54,6 +55,7 @@ def declare(scenario: Scenario) -> Model:
     resolver = PhaseResolution(stack.names, real["phase"], real["tdoa"], baseline_chain(scenario))
     sigma_height = truth.sigma_assumed_height_km * _KM
     phases = [row for row in stack.names if row.startswith("phase")]
+    mounts, clocks = [Mount(phases, 0, NadirAxes(rate))], {"tdoa_10": (1, 0), "tdoa_20": (2, 0)}
     mask = ElevationMask(math.radians(truth.minimum_elevation_deg), "target")
 
     def assume(bus: Bus, name: str, options: EstimatorOptions) -> Assumed:
@@ -80,13 +82,7 @@ def declare(scenario: Scenario) -> Model:
             Emitter(truth.motion, start_state, clock),
             TargetSensor("sensor", stack, clock, mask, gives=["measured"]),
             TargetSensor("assumed_height", Altitude(sigma_height, "assumed_height"), clock),
-            Impaired(
-                stack,
-                clock,
-                errors,
-                mounts=[Mount(phases, 0, lambda platform: body_frame(platform[..., None, :], 0, rate))],
-                clocks={"tdoa_10": (1, 0), "tdoa_20": (2, 0)},
-            ),
+            Impaired(stack, clock, errors, mounts, clocks),
             KnownPlatforms(errors.sigma_platform_position_m, errors.sigma_platform_velocity_mps),
         ],
         assume=assume,
@@ -96,6 +92,9 @@ def declare(scenario: Scenario) -> Model:
         signals={"integers": "phase_resolver.integers"},
         rows=stack.names,
         map=partial(bound_map, scenario),
+        biases=believed_biases(
+            belief.biases, Biasable(row_units(stack), groups_of(real), clocks, mounts, PLATFORMS, errors=errors)
+        ),
     )
 
 

@@ -45,7 +45,7 @@ def lines_of(outcome: Outcome, bench: Bench, zero: Zero | None, counts: Mapping[
 
 
 def _states(block: Estimator, estimate: Any, covariance: Any, geodetic: bool) -> dict[str, float | None]:
-    components = components_of(block.motion)
+    components = components_of(block.motion.reported)
     names, units = [one.name for one in components], [one.unit for one in components]
     columns = state_columns(estimate[None], covariance[None], names, units, geodetic)
     return {name: _known(float(column[0])) for name, column in columns.items()}

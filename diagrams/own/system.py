@@ -20,6 +20,7 @@ from quietfix.diagrams.own.declaring.apart import check_apart
 from quietfix.diagrams.own.declaring.asking import ask_own
 from quietfix.diagrams.own.declaring.atmosphere import unaffected
 from quietfix.diagrams.own.declaring.beginning import Begin, Surroundings, begin
+from quietfix.diagrams.own.declaring.biases import own_biases
 from quietfix.diagrams.own.declaring.impairing import Together, impaired
 from quietfix.diagrams.own.declaring.resolving import open_cycles, phase_resolvers
 from quietfix.diagrams.own.declaring.sensing import (
@@ -159,6 +160,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
         step=scenario.target.step_s if isinstance(scenario.target, plants.Custom) else LONGEST_STEP,
         recorded=_recorded(fed, bool(truth), setting),
         view=view_of(scenario.map, frame, setting, constants),
+        biases=own_biases(scenario, sensors),
         note=" ".join(note for note in (*notes, *(fed.notes if fed else ())) if note),
     )
 

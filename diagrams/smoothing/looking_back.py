@@ -63,11 +63,16 @@ def _smoothed(
 ) -> dict[str, Array]:
     """Return estimates, covariances and NEES of one smoother, as they stand in a log."""
     assert estimator.smoother is not None
-    mean, flat = course[f"{name}/estimate"].copy(), course[f"{name}/covariance"].copy()
-    n = mean.shape[-1]
-    square = flat.reshape(*mean.shape, n)
+    whole = f"{name}/whole" in course  # the target and the biases behind it
+    ports = ("whole", "whole_covariance") if whole else ("estimate", "covariance")
+    mean, flat = (course[f"{name}/{port}"].copy() for port in ports)
+    square = flat.reshape(*mean.shape, mean.shape[-1])
     mean[own], square[own] = estimator.smoother.smooth(times[own], mean[own], square[own])
-    names = estimator.motion.names
+    names = estimator.motion.reported.names
+    if whole:
+        n = len(names)
+        mean, square = mean[..., :n], square[..., :n, :n]
+        flat = square.reshape(*mean.shape[:-1], n * n)
     both = shared(names, wired.truth_names)
     here, there = columns(names, both), columns(wired.truth_names, both)
     nees = np.full((*mean.shape[:2], 1), np.nan)

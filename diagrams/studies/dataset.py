@@ -47,7 +47,7 @@ class Shape:
         self._blocks = list(wired.estimators.values())
         self._states, self._truth_states = wired.estimated_names, wired.truth_names
         self._platforms = wired.platform_names
-        self._places = [columns(self._states, block.motion.names) for block in self._blocks]
+        self._places = [columns(self._states, block.motion.reported.names) for block in self._blocks]
         self._rows = [_distinct(components_of(block.model)) for block in self._blocks]
         # estimators that use other rows have them at the same place by their names
         self._innovations = list({row.name: row for rows in self._rows for row in rows}.values())
@@ -113,7 +113,7 @@ class Shape:
         when: Coordinates = {"trial": np.arange(first, first + count), "time": ("time", times)}
         if not self._blocks:
             return when
-        motions = [block.motion for block in self._blocks]
+        motions = [block.motion.reported for block in self._blocks]
         units = {state: unit for motion in motions for state, unit in zip(motion.names, motion.units, strict=True)}
         axes = [*((axis, "m") for axis in POSITION), *((axis, "m/s") for axis in VELOCITY)]
         return {

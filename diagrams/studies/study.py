@@ -154,7 +154,7 @@ class Study:
         wired = self.assemble(builder, trials)
         scores = {}
         for name, estimator in wired.estimators.items():
-            names = self._truth_names, estimator.motion.names
+            names = self._truth_names, estimator.motion.reported.names
             score = builder.AddSystem(Score(f"score_{name}", trials, wired.bus.shape("truth")[0], *names))
             builder.Connect(wired.truth, score.GetInputPort("truth"))
             for port in ("estimate", "covariance"):

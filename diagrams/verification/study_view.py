@@ -34,7 +34,7 @@ class StudyFacts:
         self.threshold = wired.model.convergence
         self.estimators = list(wired.estimators)
         # as a study has it: the states that estimator and truth both have
-        models = {name: estimator.motion for name, estimator in wired.estimators.items()}
+        models = {name: estimator.motion.reported for name, estimator in wired.estimators.items()}
         self.units = {state: u for m in models.values() for state, u in zip(m.names, m.units, strict=True)}
         judged = shared(wired.estimated_names, wired.truth_names)
         self.states = {name: list(shared(motion.names, judged)) for name, motion in models.items()}

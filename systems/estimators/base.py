@@ -19,6 +19,7 @@ from pydrake.systems.framework import Context, DiscreteValues
 from quietfix.systems.clocks import at_ticks, same_instant
 from quietfix.systems.counting import tally
 from quietfix.systems.estimators.memory import TO_COME, Epoch, Innovation, Memory, Now, Remembered
+from quietfix.systems.estimators.shown import Shown
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener, unknown_rows
@@ -40,7 +41,8 @@ class Estimator(EnsembleBlock):
 
     Inputs ``measurement``, ``platforms``, where R comes with the measurement ``noise_covariance``, and what the
     start asks for. Outputs ``estimate``, ``covariance``, ``prediction``, ``prediction_covariance``, ``innovation``,
-    ``nis``, ``nis_dof``.
+    ``nis``, ``nis_dof``; where the motion has biases behind the target's state, ``biases`` and ``bias_sigmas``, and
+    the others are of the target alone.
 
     A subclass says what it remembers per trial (`memory_sizes`), how that begins, is predicted, updated and
     summarised. It never reads a truth port.
@@ -158,7 +160,7 @@ class Estimator(EnsembleBlock):
     # ---- ports, caches and events
 
     def _declare_ports(self) -> None:
-        wiring, n, m = self.wiring, self.motion.size, self.model.size
+        wiring, m = self.wiring, self.model.size
         trials = wiring.trials
         self.declare_input("measurement", trials, len(wiring.stream))
         self.declare_input("platforms", wiring.platform_trials, 6 * wiring.platforms)
@@ -194,11 +196,10 @@ class Estimator(EnsembleBlock):
         self._prior_is_read = False  # by a port: until then nothing but the posterior needs it, and that once
         self._posterior = self.declare_cached("posterior", type(self)._calc_posterior, {*now, *inputs})
         before, after = {self.cached_ticket(self._prior)}, {self.cached_ticket(self._posterior)}
-        states, rows = components_of(self.motion), components_of(self.model)
-        self.declare_output("estimate", trials, n, lambda c: self._updated(c).moments(self.moments)[0], after, states)
-        self.declare_output("covariance", trials, n * n, lambda c: self._updated(c).moments(self.moments)[1], after)
-        self.declare_output("prediction", trials, n, lambda c: self._prior_moments(c)[0], before, states)
-        self.declare_output("prediction_covariance", trials, n * n, lambda c: self._prior_moments(c)[1], before)
+        rows, shown = components_of(self.model), Shown(self.motion)
+        shown.declare(self, trials, self.posterior_moments, after, ("estimate", "covariance"))
+        shown.declare(self, trials, self._prior_moments, before, ("prediction", "prediction_covariance"))
+        shown.declare_biases(self, trials, self.posterior_moments, after)
         self.declare_output("innovation", trials, m, lambda c: self._updated(c).innovation.value, after, rows)
         self.declare_output("nis", trials, 1, lambda c: self._updated(c).innovation.nis, after)
         self.declare_output("nis_dof", trials, 1, lambda c: self._updated(c).innovation.nis_dof, after)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
 from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.considered import ConsideredStates
 from quietfix.systems.filters.gaussian import GaussianFilter
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 from quietfix.systems.filters.observation import Observation
@@ -54,7 +55,7 @@ class KalmanEstimator(Estimator):
         if wiring.tails is not None:
             tailed = [i for i, row in enumerate(model.names) if row in wiring.tails.rows]
             algorithm = StudentRows(algorithm, wiring.tails.freedom, tailed)
-        self.algorithm = algorithm
+        self.algorithm = ConsideredStates(algorithm, motion.considered) if motion.considered else algorithm
         self._whole: bool | None = None
         super().__init__(name, model, motion, start, wiring)
 

@@ -21,6 +21,11 @@ __all__ = ["FilterOptions", "KalmanOptions"]
 class KalmanOptions(EstimatorOptions):
     """Options that choose a Gaussian filter."""
 
+    @property
+    def takes_biases(self) -> bool:
+        """See `EstimatorOptions.takes_biases`."""
+        return True
+
     @abstractmethod
     def algorithm(self, motion: MotionModel) -> GaussianFilter:
         """Return the filter, for states that move like that."""

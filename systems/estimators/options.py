@@ -37,6 +37,11 @@ class EstimatorOptions(ABC):
         """The options that a system looks at: those of the filter within, where one only looks at what that tells."""
         return self
 
+    @property
+    def takes_biases(self) -> bool:
+        """Whether biases may stand behind the target's state, some of them only considered: of Gaussian filters."""
+        return False
+
     @abstractmethod
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from quietfix.systems.constants import EARTH_RATE
 from quietfix.systems.earth.frames import nadir_frame_earth_fixed
 
-__all__ = ["body_frame"]
+__all__ = ["NadirAxes", "body_frame"]
 
 Array = NDArray[np.float64]
 
@@ -32,6 +33,23 @@ def body_frame(platforms: Array, platform: int, earth_rate: float = EARTH_RATE) 
     """
     own = np.ascontiguousarray(platforms[..., platform, :6])
     return _frame(own.tobytes(), own.shape, earth_rate)
+
+
+@dataclass(frozen=True)
+class NadirAxes:
+    """The body axes of a satellite that points to nadir, as a function of its state; see `body_frame`.
+
+    Attributes
+    ----------
+    earth_rate : float
+        Earth rotation [rad/s].
+    """
+
+    earth_rate: float = EARTH_RATE
+
+    def __call__(self, platform: Array) -> Array:
+        """Return the axes as rows (..., 3, 3) of a platform (..., 6)."""
+        return body_frame(platform[..., None, :], 0, self.earth_rate)
 
 
 @lru_cache(maxsize=4)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["rotation_matrix", "seen_from_turned_axes"]
+__all__ = ["left_jacobian", "rotation_matrix", "seen_from_turned_axes", "turned_derivatives"]
 
 Array = NDArray[np.float64]
 
@@ -72,3 +72,71 @@ def seen_from_turned_axes(
             offset = target[..., first : first + axes] - platform[..., own : own + axes]
             seen[..., first : first + axes] = platform[..., own : own + axes] + (back @ offset[..., None])[..., 0]
     return seen
+
+
+def left_jacobian(vector: ArrayLike) -> Array:
+    r"""Return how a rotation changes with its rotation vector, shape (..., 3, 3).
+
+    .. math:: J_l = I + \frac{1-\cos\theta}{\theta^2}[v]_\times + \frac{\theta-\sin\theta}{\theta^3}[v]_\times^2,
+              \qquad \frac{\partial\,R(-v)\,u}{\partial v} = R(-v)\,[u]_\times\,J_l(v)
+
+    Sola, Deray and Atchuthan, *A micro Lie theory for state estimation in robotics*, arXiv:1812.01537, eq. (145), and
+    the derivative from their (143) and (180) at :math:`-v`, for :math:`J_r(-v) = J_l(v)`.
+
+    Parameters
+    ----------
+    vector : array_like, shape (..., 3)
+        [rad].
+    """
+    v = np.asarray(vector, dtype=float)
+    square = np.sum(v * v, axis=-1)[..., None, None]
+    angle = np.sqrt(square)
+    cross = _cross(v)
+    small = angle < 1e-2  # the next term of the series is 2e-16 of the first
+    safe = np.where(small, 1.0, angle)
+    series = 1 / 6 - square / 120 + square**2 / 5040
+    second = np.where(small, series, (safe - np.sin(safe)) / safe**3)
+    return np.eye(3) + 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * cross + second * (cross @ cross)
+
+
+def turned_derivatives(
+    target: Array, platform: Array, vector: Array, body: Array | None = None, axes: int = 3
+) -> tuple[Array, Array]:
+    r"""Return the derivatives of `seen_from_turned_axes` for R of a rotation vector v.
+
+    .. math:: \frac{\partial x'}{\partial x} = B^T R^T B, \qquad
+              \frac{\partial x'}{\partial v} = B^T R^T\,[B (x - x_c)]_\times\,J_l(v)
+
+    Parameters
+    ----------
+    target, platform, body, axes
+        See `seen_from_turned_axes`.
+    vector : ndarray, shape (..., 3)
+        v [rad].
+
+    Returns
+    -------
+    by_state : ndarray, shape (..., axes, axes)
+        Of the position by the position; of the velocity by the velocity it is the same.
+    by_vector : ndarray, shape (..., n, 3)
+        Of the whole state; zero where it is neither position nor velocity.
+    """
+    back, jacobian = np.swapaxes(rotation_matrix(vector), -1, -2), left_jacobian(vector)
+    frame = np.eye(3) if body is None else body
+    home = np.swapaxes(frame, -1, -2) @ back
+    leading = np.broadcast_shapes(target.shape[:-1], platform.shape[:-1], home.shape[:-2])
+    by_vector = np.zeros((*leading, target.shape[-1], 3))
+    for first, own in ((0, 0), (axes, 3)):
+        if target.shape[-1] >= first + axes:
+            offset = np.zeros((*leading, 3))
+            offset[..., :axes] = target[..., first : first + axes] - platform[..., own : own + axes]
+            seen = (frame @ offset[..., None])[..., 0]
+            by_vector[..., first : first + axes, :] = (home @ _cross(seen) @ jacobian)[..., :axes, :]
+    return (home @ frame)[..., :axes, :axes], by_vector
+
+
+def _cross(v: Array) -> Array:
+    """Return the matrix of the cross product with a vector, shape (..., 3, 3)."""
+    zero = np.zeros(v.shape[:-1])
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*v.shape, 3)

@@ -31,7 +31,15 @@ Integers = NDArray[np.int64]
 Kernel = str | Callable[..., Any]
 
 _OTHER_THAN_EQUATIONS = {"names", "units", "nominal", "noise_covariance", "noise_covariance_at", "modified_gain"}
-_OTHER_THAN_EQUATIONS |= {"platforms_used", "represent", "only", "initial_input", "next_input"}
+_OTHER_THAN_EQUATIONS |= {
+    "platforms_used",
+    "represent",
+    "only",
+    "initial_input",
+    "next_input",
+    "reported",
+    "considered",
+}
 
 
 @dataclass(frozen=True)

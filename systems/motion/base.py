@@ -29,6 +29,8 @@ class MotionModel(ABC):
     input_size : int
         How many numbers per trial an estimator has to carry from step to step as an input of the motion (a mean
         acceleration, say); with 0 the three methods for it are never called.
+    considered : tuple of int
+        Components whose uncertainty counts and which are not estimated: a filter keeps their mean and variance.
     nominal : mapping of str to float
         What a component is worth in a truth that has no such component, for the bounds: 0 unless it is named here
         (a scale factor, say, is 1).
@@ -38,12 +40,18 @@ class MotionModel(ABC):
     units: tuple[str, ...]
     linear: bool = False
     input_size: int = 0
+    considered: tuple[int, ...] = ()
     nominal: Mapping[str, float] = MappingProxyType({})
 
     @property
     def size(self) -> int:
         """Number of state components."""
         return len(self.names)
+
+    @property
+    def reported(self) -> MotionModel:
+        """The motion of what an estimator reports, the first components: all of them, unless biases stand behind."""
+        return self
 
     @abstractmethod
     def propagate(self, state: Array, dt: float) -> Array:

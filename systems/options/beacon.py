@@ -30,5 +30,5 @@ class UkfMonitored(Ukf):
     def algorithm(self, motion: MotionModel) -> GaussianFilter:
         """See `KalmanOptions.algorithm`."""
         return CommonModeMonitor(
-            super().algorithm(motion), motion.size - 1, self.switch, self.gate, self.reset_sigma_mps
+            super().algorithm(motion), motion.reported.size - 1, self.switch, self.gate, self.reset_sigma_mps
         )

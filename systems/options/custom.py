@@ -28,6 +28,15 @@ class Custom(EstimatorOptions):
     class_: str = text("where the class is: package.module:Class")
     options: dict[str, bool | int | float | str] = documented("keyword arguments of the class", factory=dict)
 
+    @property
+    def takes_biases(self) -> bool:
+        """See `EstimatorOptions.takes_biases`; a class that cannot be found is named by `make`."""
+        try:
+            kind = object_at(self.class_)
+        except ValueError:
+            return True
+        return isinstance(kind, type) and issubclass(kind, GaussianFilter)
+
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block.
 

@@ -31,6 +31,11 @@ class IekfHypotheses(Iekf):
     hypotheses: int = count("most hypotheses kept in a trial", 24)
     least_weight: float = number("a hypothesis with less probability than this is dropped", 1e-5, above=0, at_most=0.5)
 
+    @property
+    def takes_biases(self) -> bool:
+        """See `EstimatorOptions.takes_biases`: not yet, for its start does not say what biases do to it."""
+        return False
+
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""
         phases = phases_of(model)

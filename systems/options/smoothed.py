@@ -45,6 +45,11 @@ class Smoothed(EstimatorOptions):
         """See `EstimatorOptions.plain`."""
         return self.filter.plain
 
+    @property
+    def takes_biases(self) -> bool:
+        """See `EstimatorOptions.takes_biases`."""
+        return self.filter.takes_biases
+
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the filter's block, which knows its smoother.
 
@@ -56,6 +61,12 @@ class Smoothed(EstimatorOptions):
         if self.measurements:
             raise ValueError(
                 f"estimators.{name}.measurements: {self.measurements} is not allowed; they are those of its filter"
+            )
+        if motion.considered:
+            kept = [motion.names[i] for i in motion.considered]
+            raise ValueError(
+                f"estimators.{name}: a smoother is not allowed with biases that are considered ({', '.join(kept)}); "
+                "mode: estimate"
             )
         block = self.filter.make(name, model, motion, start, wiring)
         if not isinstance(block, KalmanEstimator) or not block.plain:

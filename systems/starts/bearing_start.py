@@ -54,7 +54,7 @@ class BearingStart(Start):
         axes = model.size + 1
         if size not in (axes, 2 * axes):
             raise ValueError(f"start: {size} states are not allowed with {model.size} angles; {axes} or {2 * axes}")
-        self.model = model
+        self.model = self.uses = model
         self.size = size
         self.axes = axes
         self.distance = positive(distance, "distance", "m")

@@ -84,7 +84,7 @@ class DirectionStart(CloudStart):
         noise_port: bool = False,
     ) -> None:
         self._direction, self._delay, self._doppler = direction, delay, doppler
-        self._model = Stack([direction, delay, doppler])
+        self._model = self.uses = Stack([direction, delay, doppler])
         absent = [row for row in self._model.names if row not in stream]
         if absent:
             raise ValueError(f"start: rows {absent} are not measured; there are {list(stream)}")
@@ -93,6 +93,7 @@ class DirectionStart(CloudStart):
         self._altitude = Altitude(positive(sigma_height, "sigma_height", "m"), _HEIGHT)
         self.sigma_velocity = positive(sigma_velocity, "sigma_velocity", "m/s")
         self._noise_port = noise_port
+        self.noise_input = _NOISE if noise_port else None
         self.again = self
 
     @property

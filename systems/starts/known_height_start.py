@@ -64,7 +64,7 @@ class KnownHeightStart(Start):
         absent = [row for row in tdoa.names if row not in stream]
         if absent:
             raise ValueError(f"start: rows {absent} are not measured; there are {list(stream)}")
-        self.tdoa = tdoa
+        self.tdoa = self.uses = tdoa
         self._rows = [list(stream).index(row) for row in tdoa.names]
         self._order = [tdoa.reference, *tdoa.receivers]
         self.sigma_height = positive(sigma_height, "sigma_height", "m")

@@ -67,13 +67,14 @@ class SnapshotStart(Start):
         absent = [row for row in wanted if row not in stream]
         if absent:
             raise ValueError(f"start: rows {absent} are not measured; there are {list(stream)}")
-        self._model = model
+        self._model = self.uses = model
         self._width = len(stream)
         self._rows = [list(stream).index(row) for row in model.names]
         self._height_row = list(stream).index(height) if isinstance(height, str) else None
         self._height = 0.0 if isinstance(height, str) else float(height)
         self._sigma_velocity = positive(sigma_velocity, "sigma_velocity", "m/s")
         self._noise_port = noise_port
+        self.noise_input = _NOISE if noise_port else None
         self._places = places
         self._as_well = as_well
         self._buried = buried

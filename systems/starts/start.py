@@ -8,6 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from quietfix.systems.measurement.base import MeasurementModel
+
 __all__ = ["CloudStart", "GivenStart", "PortStart", "Start"]
 
 Array = NDArray[np.float64]
@@ -27,11 +29,18 @@ class Start(ABC):
     again : Start or None
         How a trial that is lost can begin again from a measurement alone; None where nothing is known of that. Its
         `inputs` are among those of this start.
+    uses : MeasurementModel or None
+        The rows that the belief is made of, efficiently: the mean depends on them as :math:`P H^T R^{-1}` says. None
+        where that is not so, or no measurement is used.
+    noise_input : str or None
+        The input that R of all rows comes with, where it comes with the measurement.
     """
 
     uses_measurement: bool = False
     count: int = 1
     again: Start | None = None
+    uses: MeasurementModel | None = None
+    noise_input: str | None = None
 
     @property
     def inputs(self) -> Mapping[str, int]:

@@ -20,10 +20,14 @@ from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics
 from quietfix.systems.atmosphere.delayed import Delayed
 from quietfix.systems.atmosphere.ionosphere import ThinShell
 from quietfix.systems.atmosphere.troposphere import Troposphere
+from quietfix.systems.biases.bias import Bias, Turn
+from quietfix.systems.biases.biased import BiasedModel
+from quietfix.systems.biases.walking import WithBiases
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.earth.frames import inertial_to_earth_fixed
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_state
 from quietfix.systems.filters.common_mode import CommonModeMonitor
+from quietfix.systems.filters.considered import ConsideredStates
 from quietfix.systems.filters.gaussian import GaussianFilter
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 from quietfix.systems.filters.modified_gain import ModifiedGainKalman
@@ -211,6 +215,20 @@ class Distance(Range):
         return np.sqrt(x**2 + y**2 + z**2)[..., None]
 
 
+ADDED = [
+    Bias("first", "m", 10.0, rows={"range_0": 1.0}),
+    Bias("both", "m", 10.0, 0.1, rows={"range_0": -1.0, "range_1": 0.5, "range_2": 2.0}, considered=True),
+    Bias("none", "m", 10.0, rows={"range_7": 1.0}),
+]
+"""Biases of ranges, one of them in none that is measured."""
+
+
+def turned(*rows, platform=0, body=None):
+    """Return the three angles by which the axes of a platform are turned."""
+    given = dict.fromkeys(rows, 1.0)
+    return [Bias(f"turn_{k}", "rad", 0.1, rows=given, turn=Turn(platform, k, 3, body)) for k in range(3)]
+
+
 MEDIA = [Troposphere(), ThinShell(40.0, 350e3, 1e9)]
 _STATIONS = {"receivers": (1, 2, 3, 4), "reference": 0}
 
@@ -292,6 +310,8 @@ MEASUREMENTS = {
         Ahead(Frequency(2.0, 4e8, [1]), {}, 3, GravityConstants(), turning=True),
         "satellites",
     ),
+    # of six states the first three are the position, the others biases
+    "custom ranges with biases": (BiasedModel(CustomMeasurement(Range(5.0, [0, 1]), [3, 2]), 3, ADDED), "stations"),
     "custom, by differences, in orbit": (CustomMeasurement(Distance(), [1], has_jacobian=False), "satellites"),
 }
 """Every measurement model, in every option that changes its mathematics: model and geometry."""
@@ -364,6 +384,18 @@ MOTIONS = {
     "stationary, random walk": (Stationary(3, 4.0), np.array([[1e4, 5e4, 1e2]])),
     "azimuth rate": (AzimuthRate(3e-9), np.array([[1.3, 0.003], [4.0, -0.01]])),
     "fading error": (GaussMarkov(100.0, 30.0), np.array([[120.0, -80.0], [10.0, 3.0]])),
+    "biases beside a straight line": (
+        WithBiases(WhiteNoiseAcceleration(0.5), ADDED),
+        np.append(_STATE, [30.0, -2.0, 0.5])[None],
+    ),
+    "biases beside an orbit": (
+        WithBiases(OrbitalMotion(density=1e-6), ADDED),
+        np.concatenate([_between_satellites().targets, np.full((12, 3), 5.0)], axis=-1),
+    ),
+    "biases beside the current statistical model": (
+        WithBiases(CurrentStatistical(0.3, *_LIMITS, 0.5, [20.0], mean=np.zeros(3)), ADDED),
+        np.concatenate([_FLIGHT, np.full((2, 3), 5.0)], axis=-1),
+    ),
     "custom": (CustomMotion(OrbitalMotion(density=1e-6)), _between_satellites().targets),
     "custom, by differences": (CustomMotion(OrbitalMotion(), has_transition=False), _between_satellites().targets),
     "turning": (Turning(), np.array([[10.0, 20.0, 0.3, 0.01], [-5e3, 1e3, -2.0, 0.05]])),
@@ -384,6 +416,7 @@ FILTERS: dict[str, GaussianFilter] = {
     "common-mode monitor, ekf": CommonModeMonitor(IteratedExtendedKalman(max_iterations=1), state=3),
     # with finitely many degrees of freedom it is not the Kalman filter, and should not be
     "student rows": StudentRows(IteratedExtendedKalman(), freedom=1e15),
+    "considered states, none of them": ConsideredStates(),
     "ukf, alpha 0.1": UnscentedKalman(0.1, 2.0, 0.0),
 }
 """Every Gaussian filter, as bare functions; `_registered` adds those that are written as an estimator's options."""

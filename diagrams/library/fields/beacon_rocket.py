@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from quietfix.diagrams.parts.biases import BIASES, BelievedBias
 from quietfix.diagrams.parts.launch import (
     Falcon9,
     Geodetic,
@@ -114,6 +115,7 @@ class Belief:
     sigma_acceleration_mps2: float = number("start [m/s^2]", 5.0, above=0)
     sigma_bias_mps: float = number("start [m/s]; the bias starts at 0", 300.0, above=0)
     sigma_mps: float | None = number("standard deviation of a range rate [m/s]", None, above=0)
+    biases: dict[str, BelievedBias] = documented(BIASES, factory=dict)
 
 
 @dataclass

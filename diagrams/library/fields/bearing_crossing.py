@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from quietfix.diagrams.parts.biases import BIASES, BelievedBias
 from quietfix.diagrams.parts.sensor_errors import SensorErrors
 from quietfix.systems.documented import choice, documented, number
 from quietfix.systems.estimators.azimuth_filter import AzimuthFilterOptions
@@ -69,6 +70,7 @@ class Belief:
     )
     sigma_bearing_deg: float | None = number("standard deviation of a bearing [deg]", None, above=0)
     sigma_elevation_deg: float | None = number("standard deviation of an elevation [deg]", None, above=0)
+    biases: dict[str, BelievedBias] = documented(BIASES, factory=dict)
 
 
 @dataclass

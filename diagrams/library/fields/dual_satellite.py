@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from quietfix.diagrams.parts.biases import BIASES, BelievedBias
 from quietfix.diagrams.parts.dual_signal import Drawn, Signal
 from quietfix.diagrams.parts.formation import (
     EarthConstants,
@@ -85,6 +86,7 @@ class Belief:
     sigma_tdoa_ns: float | None = number("standard deviation of the TDOA [ns]", None, above=0)
     sigma_fdoa_hz: float | None = number("standard deviation of the FDOA [Hz]", None, above=0)
     light_time: bool | None = documented("TDOA and FDOA of one wave front", None)
+    biases: dict[str, BelievedBias] = documented(BIASES, factory=dict)
 
 
 @dataclass

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from quietfix.diagrams.parts.biases import BIASES, BelievedBias
 from quietfix.diagrams.parts.sensor_errors import SensorErrors
 from quietfix.systems.documented import choice, documented, number
 from quietfix.systems.options.choice import EstimatorChoice
@@ -89,6 +90,7 @@ class Belief:
     )
     sigma_position_km: float = number("error of the initial estimate's position per axis [km]", 500.0, above=0)
     sigma_velocity_mps: float = number("error of the initial estimate's velocity per axis [m/s]", 500.0, above=0)
+    biases: dict[str, BelievedBias] = documented(BIASES, factory=dict)
 
 
 @dataclass

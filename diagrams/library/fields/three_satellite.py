@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from quietfix.diagrams.parts.biases import BIASES, BelievedBias
 from quietfix.diagrams.parts.formation import (
     EarthConstants,
     GreatCircle,
@@ -77,6 +78,7 @@ class Belief:
     sigma_phase_deg: float | None = number("standard deviation of a phase [deg]", None, above=0)
     correlated: bool | None = documented("errors of differences correlated through satellite 0", None)
     light_time: bool | None = documented("TDOA and FDOA of one wave front", None)
+    biases: dict[str, BelievedBias] = documented(BIASES, factory=dict)
 
 
 @dataclass

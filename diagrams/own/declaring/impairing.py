@@ -14,7 +14,7 @@ from quietfix.diagrams.quantities.frame import Frame
 from quietfix.diagrams.schema.errors import choose
 from quietfix.systems.plants.joined import Joined
 
-__all__ = ["Together", "impaired"]
+__all__ = ["Together", "clocks_of", "impaired", "mounts_of"]
 
 _DIRECTED = " and ".join(kind.directions for kind in KINDS if kind.directions)
 _COMPARING = " or ".join(f"a !{kind.__name__}" for kind in KINDS if kind.compares_clocks)
@@ -23,8 +23,8 @@ _COMPARING = " or ".join(f"a !{kind.__name__}" for kind in KINDS if kind.compare
 def impaired(one: PlacedSensor, frame: Frame, platforms: Sequence[str]) -> Impaired:
     """Return the part that impairs what a sensor reads; a `UserError` names errors that it cannot have."""
     refused = {"platform": "platform_errors says how well the platforms are known"}
-    mounts = [mount for kind in one.kinds for mount in _mounts(kind, frame)]
-    clocks = {row: pair for kind in one.kinds for row, pair in _clocks(kind, list(platforms)).items()}
+    mounts = [mount for kind in one.kinds for mount in mounts_of(kind, frame)]
+    clocks = {row: pair for kind in one.kinds for row, pair in clocks_of(kind, list(platforms)).items()}
     if not mounts:
         refused["attitude"] = f"only {_DIRECTED} have a direction that they may be off in"
     if not clocks:
@@ -49,11 +49,13 @@ def impaired(one: PlacedSensor, frame: Frame, platforms: Sequence[str]) -> Impai
     )
 
 
-def _mounts(kind: Measured, frame: Frame) -> list[Mount]:
+def mounts_of(kind: Measured, frame: Frame) -> list[Mount]:
+    """Return which rows of a kind are directions, and in what axes."""
     return kind.field.mounts(kind.real, [row.name for row in kind.rows], frame)
 
 
-def _clocks(kind: Measured, platforms: list[str]) -> dict[str, tuple[int, int]]:
+def clocks_of(kind: Measured, platforms: list[str]) -> dict[str, tuple[int, int]]:
+    """Return which rows of a kind compare the clocks of which receiver and reference."""
     compared = [row for row in kind.rows if row.compares_clocks]
     return {row.name: (platforms.index(row.receiver), platforms.index(row.reference)) for row in compared}
 

@@ -11,6 +11,7 @@ from quietfix.diagrams.own.fields.measurements import Measurements
 from quietfix.diagrams.own.fields.sensors import Sensor
 from quietfix.diagrams.own.fields.starts import KnownHeight, Snapshot
 from quietfix.diagrams.own.fields.view import Map
+from quietfix.diagrams.parts.biases import BIASES, BelievedBias
 from quietfix.diagrams.parts.formation import EarthConstants, ReferenceOrbit
 from quietfix.diagrams.paths.movers import Fixed, Mover, RandomMotion
 from quietfix.diagrams.quantities.frame import Frame, as_frame
@@ -86,6 +87,7 @@ class Belief:
         "variance that the oscillator gains per second [Hz^2/s]; null: as it does", None, at_least=0
     )
     atmosphere: Atmosphere | None = documented("what is in the way of signals; null: what is, {}: nothing", None)
+    biases: dict[str, BelievedBias] = documented(BIASES, factory=dict)
 
 
 @dataclass

@@ -5,12 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import pairwise
 from typing import Any, cast
-
-import numpy as np
-from numpy.typing import NDArray
 
 from quietfix.diagrams.own.kinds.by_platform import AtPlatform
 from quietfix.diagrams.own.kinds.kind import Row
@@ -22,12 +18,10 @@ from quietfix.systems.angles.phase import InterferometerPhase
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.documented import documented, number, text
 from quietfix.systems.estimators.phase_resolver import PhaseResolver
-from quietfix.systems.geometry.body_frame import body_frame
+from quietfix.systems.geometry.body_frame import NadirAxes
 from quietfix.systems.measurement.base import MeasurementModel
 
 __all__ = ["Phase"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass
@@ -69,7 +63,7 @@ class Phase(AtPlatform):
     def mounts(self, model: MeasurementModel, rows: Sequence[str], frame: Frame) -> list[Mount]:
         """See `MeasurementKind.mounts`."""
         assert isinstance(model, InterferometerPhase)
-        return [Mount(rows, model.platform, partial(_body, model.earth_rate))]
+        return [Mount(rows, model.platform, NadirAxes(model.earth_rate))]
 
     def chain(self, places: Places, where: str) -> list[tuple[InterferometerPhase, list[Row]]]:
         """Return the shorter baselines, from the shortest; rows ``phase_AXIS_PLATFORM_1`` ... [rad]."""
@@ -98,8 +92,3 @@ class Phase(AtPlatform):
             link.names = names
             found.append((link, rows))
         return found
-
-
-def _body(earth_rate: float, platform: Array) -> Array:
-    """Return the axes of a satellite that points to nadir."""
-    return body_frame(platform[..., None, :], 0, earth_rate)
