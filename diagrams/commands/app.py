@@ -42,6 +42,7 @@ from quietfix.diagrams.console.arguments import (
     with_smoothers,
 )
 from quietfix.diagrams.identification.options import identify
+from quietfix.diagrams.pages.options import report
 
 __all__ = ["app"]
 
@@ -331,5 +332,5 @@ app.command()(compare)
 app.command()(sweep)
 app.command()(verify)
 app.command()(identify)
-for command in (inspect, plot, diff, export):
+for command in (inspect, plot, report, diff, export):
     app.command()(command)

@@ -16,7 +16,7 @@ from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION, check_version, upgraded
 from quietfix.diagrams.studies.store import check_store
 
-__all__ = ["find_store", "open_result", "write_summary"]
+__all__ = ["find_store", "open_result", "times_of", "write_summary"]
 
 
 def find_store(path: Path | str) -> Path:
@@ -85,7 +85,7 @@ def write_summary(
         "trials": int(dataset.sizes["trial"]),
         "version": dataset.attrs["version"],
         "run_seconds": round(time.monotonic() - began, 3),
-        "time_s": _times(dataset["time"].values),
+        "time_s": times_of(dataset["time"].values),
         "estimators": estimators,
         **told,
     }
@@ -93,6 +93,6 @@ def write_summary(
     return summary
 
 
-def _times(values: Any) -> Any:
+def times_of(values: Any) -> Any:
     """Return the epochs, of tracks of unequal length a list each."""
-    return [_times(one) if one.ndim else float(one) for one in values if one.ndim or not np.isnan(one)]
+    return [times_of(one) if one.ndim else float(one) for one in values if one.ndim or not np.isnan(one)]

@@ -1,0 +1,185 @@
+"""Where it takes place: seen from above and from the side, and where estimates end, as numbers for a page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from quietfix.diagrams.pages.numbers import reach, rounded, thinned
+from quietfix.diagrams.quantities.frame import Frame, frame_of
+from quietfix.diagrams.quantities.states import POSITION
+
+__all__ = ["Axes", "error_axes", "last_errors", "place_names", "views"]
+
+Array = NDArray[np.float64]
+Axes = tuple[list[str], Callable[[Array], Array]]
+View = tuple[str, tuple[str, str], Callable[[Array], Array], float | None]
+
+_MOST_POINTS, _MOST_TRIALS, _MOST_DOTS = 300, 12, 400
+_KM = 1e3
+
+
+def place_names(dataset: xr.Dataset) -> list[str]:
+    """Return the components of the state that make a place."""
+    known = {str(name) for name in dataset["state"].values}
+    return [name for name in POSITION if name in known]
+
+
+def error_axes(frame: Frame, size: int) -> Axes:
+    """Return the axes in which errors are shown: two along the ground, and up where there is a third.
+
+    Parameters
+    ----------
+    frame : Frame
+        Of the states.
+    size : int
+        Components of a place, 2 or 3.
+
+    Returns
+    -------
+    names : list of str
+        Of the axes.
+    rotation : callable
+        Places (..., size) -> (..., axes, size): a difference of places times it is one along the axes.
+    """
+    if frame.ground is None or size < len(frame.ground.components):
+        return list(POSITION[:size]), lambda places: np.broadcast_to(np.eye(size), (*places.shape[:-1], size, size))
+    ground, upward = frame.ground, frame.up
+    level = [ground.offset_labels[0], ground.offset_labels[1]]
+
+    def rotation(places: Array) -> Array:
+        unit = np.broadcast_to(np.eye(size), (*places.shape[:-1], size, size))
+        along = np.swapaxes(ground.offsets(places[..., None, :], unit), -1, -2)
+        if size < 3:
+            return along
+        if upward is not None:
+            third = upward(places)
+        else:  # the axis that the ground leaves
+            third = np.broadcast_to(np.cross(along[..., 0, :], along[..., 1, :]), places.shape)
+            third = third * np.where(third.sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
+        return np.concatenate([along, third[..., None, :]], axis=-2)
+
+    return (level if size < 3 else [*level, "up"]), rotation
+
+
+def views(dataset: xr.Dataset) -> list[dict[str, Any]]:
+    """Return tracks of platforms and targets seen from above and, where heights mean something, from the side.
+
+    Returns
+    -------
+    list of dict
+        ``title``, ``x`` and ``y`` labels, ``stretch`` (unit of y over that of x; None: free), ``tracks``: ``name``,
+        ``kind`` ('platform' or 'target'), ``x``, ``y``.
+    """
+    frame, names = frame_of(dataset), place_names(dataset)
+    if len(names) < 2 or "truth" not in dataset:
+        return []
+    tracks = _tracks(dataset, names)
+    known = [place for _, kind, place in tracks if kind == "target"]
+    if not known:
+        return []
+    around = known[0][0]
+    found = []
+    for title, labels, project, stretch in _projections(frame, len(names), around):
+        drawn = []
+        for name, kind, place in tracks:
+            if place.shape[-1] < len(names):
+                continue
+            flat = project(place)
+            drawn.append({"name": name, "kind": kind, "x": rounded(flat[:, 0]), "y": rounded(flat[:, 1])})
+        found.append({"title": title, "x": labels[0], "y": labels[1], "stretch": stretch, "tracks": drawn})
+    return found
+
+
+def _tracks(dataset: xr.Dataset, names: list[str]) -> list[tuple[str, str, Array]]:
+    tracks = []
+    if "platforms" in dataset:
+        states = (
+            dataset["platforms"] if "trial" not in dataset["platforms"].dims else dataset["platforms"].isel(trial=0)
+        )
+        axis = next(name for name in states.dims if name in ("time", "epoch"))
+        places = states.transpose("platform", axis, "coordinate").values[..., :3]
+        tracks += [(str(n), "platform", p) for n, p in zip(dataset["platform"].values, places, strict=True)]
+    truth = dataset["truth"].sel(state=names)
+    if "trial" in truth.dims:
+        for trial in range(min(_MOST_TRIALS, dataset.sizes["trial"])):
+            name = f"target, trial {int(dataset['trial'].values[trial])}"
+            tracks.append((name, "target", np.asarray(truth.isel(trial=trial).values)))
+    else:
+        tracks.append(("target", "target", np.asarray(truth.values)))
+    kept = []
+    for name, kind, place in tracks:
+        finite = place[np.isfinite(place).all(axis=-1)]
+        if len(finite):
+            kept.append((name, kind, finite[thinned(len(finite), _MOST_POINTS)]))
+    return kept
+
+
+def _projections(frame: Frame, size: int, around: Array) -> list[View]:
+    """Return title, labels, projection and stretch of each view."""
+    ground, height = frame.ground, frame.height
+    if ground is None or size < len(ground.components):
+        pairs = [(0, 1)] if size < 3 else [(0, 1), (0, 2)]
+        return [_plane(a, b) for a, b in pairs]
+
+    def above(places: Array) -> Array:
+        return ground.places(places, around)
+
+    shown: list[View] = [("from above", ground.labels, above, ground.stretch(around))]
+    if size < 3:
+        return shown
+    if height is not None:
+
+        def side(places: Array) -> Array:
+            return np.stack([above(places)[:, 0], height(places) / _KM], axis=-1)
+
+        return [*shown, ("from the side", (ground.labels[0], "height [km]"), side, None)]
+    _, rotation = error_axes(frame, size)
+
+    def launched(places: Array) -> Array:
+        up = (rotation(places)[..., 2, :] * places).sum(axis=-1) / _KM
+        return np.stack([above(places)[:, 0], up], axis=-1)
+
+    return [*shown, ("from the side", (ground.labels[0], "up [km]"), launched, 1.0)]
+
+
+def _plane(a: int, b: int) -> View:
+    """Return the view of two of the axes themselves."""
+    labels = f"{POSITION[a]} [km]", f"{POSITION[b]} [km]"
+    return f"{POSITION[a]} and {POSITION[b]}", labels, lambda places: places[:, [a, b]] / _KM, 1.0
+
+
+def last_errors(dataset: xr.Dataset) -> dict[str, Any] | None:
+    """Return errors along two axes at the last epoch, of at most 400 trials; None where there are none."""
+    names = place_names(dataset)
+    if len(names) < 2 or "truth" not in dataset or "epoch" in dataset.sizes:
+        return None
+    labels, rotation = error_axes(frame_of(dataset), len(names))
+    trials = thinned(dataset.sizes["trial"], _MOST_DOTS)
+    last = dataset[["truth", "estimate"]].isel(time=-1, trial=trials).sel(state=names)
+    truth = last["truth"].values
+    estimate = last["estimate"].transpose("estimator", "trial", "state").values
+    offset = np.einsum("...ij,...j->...i", rotation(np.broadcast_to(truth, estimate.shape)), estimate - truth)[..., :2]
+    dots = offset[np.isfinite(offset).all(axis=-1)]
+    if not len(dots):
+        return None
+    edge, beyond = reach(dots)
+    clouds = {
+        str(name): {"x": rounded(cloud[:, 0]), "y": rounded(cloud[:, 1])}
+        for name, cloud in zip(dataset["estimator"].values, offset, strict=True)
+    }
+    numbers = [int(n) for n in dataset["trial"].values[trials]]
+    return {
+        "x": f"{labels[0]} [m]",
+        "y": f"{labels[1]} [m]",
+        "clouds": clouds,
+        "trials": numbers,
+        "edge": edge,
+        "beyond": beyond,
+        "left_out": int(dataset.sizes["trial"] - len(trials)),
+        "time": rounded(last["time"].values),
+    }
