@@ -76,7 +76,8 @@ def _neighbours_together() -> Iterator[None]:
     numba leaves that off by default; it changes no sum's order, and no bit. For all else that a process compiles with
     numba the setting stays what it was.
     """
-    before, settings = config.SLP_VECTORIZE, cast(Any, config)
+    settings = cast(Any, config)
+    before = settings.SLP_VECTORIZE
     settings.SLP_VECTORIZE = 1
     try:
         yield
