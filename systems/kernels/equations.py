@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.kernels.loading import address
+from quietfix.systems.kernels.progress import say_slower
 
 __all__ = [
     "Equations",
@@ -170,8 +171,19 @@ def program(model: Any) -> Program | None:
     if known is not None and known[0]() is model:
         return known[1]
     made = None if equations_of(model) is None else inherited_program(model)
+    if made is None:
+        _tell_of_users(model)
     _programs[key] = weakref.ref(model, lambda _: _programs.pop(key, None)), made
     return made
+
+
+def _tell_of_users(model: Any) -> None:
+    """Log which classes of a user's, in a model without equations, have none."""
+    for part in getattr(model, "models", (model,)):
+        kind = type(getattr(part, "model", part))  # what stands behind a boundary, or under an atmosphere
+        if not kind.__module__.startswith("quietfix.") and equations_of(part) is None:
+            differences = "" if getattr(part, "has_jacobian", True) else " and its derivatives are central differences"
+            say_slower(f"{kind.__module__}:{kind.__qualname__}", f"no equations: it is asked in NumPy{differences}")
 
 
 def inherited_program(model: Any) -> Program:

@@ -13,6 +13,7 @@ __all__ = [
     "on_compiling",
     "say_compiled",
     "say_compiling",
+    "say_slower",
     "say_uncached",
 ]
 
@@ -52,6 +53,13 @@ def say_uncached(reason: str) -> None:
     if "uncached" not in _said:
         _said.add("uncached")
         _log.warning("compiled code is kept in memory only and made again in every run: %s", reason)
+
+
+def say_slower(model: str, reason: str) -> None:
+    """Log once of a user's class what makes it slower than it could be."""
+    if (told := f"{model}: {reason}") not in _said:
+        _said.add(told)
+        _log.info("%s", told)
 
 
 def loading_seconds() -> float:

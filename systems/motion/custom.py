@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from quietfix.systems.checked import Checked, disagreement, state_steps
 from quietfix.systems.checked import made as made_checked
+from quietfix.systems.kernels.progress import say_slower
 from quietfix.systems.motion.base import MotionModel
 
 __all__ = ["CustomMotion", "made"]
@@ -79,6 +80,8 @@ class CustomMotion(MotionModel):
             if not np.isfinite(value).all():
                 begin = state.reshape(-1, self.size)[0].tolist()
                 raise self._checked.wrong(what, f"a number that is not finite, after {dt:g} s from {begin}")
+        if not self.has_transition:
+            say_slower(self._checked.path, "no transition: its derivatives are central differences")
         self._checked.same_again("propagate", self.propagate(state, dt), self.propagate(state, dt))
         n = self.size
         self._checked.covariance("process_noise", (state, dt), [(*state.shape[:-1], n, n), (n, n)], least=False)

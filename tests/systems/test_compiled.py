@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from quietfix.diagrams.console import compiling as telling
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
@@ -310,6 +311,32 @@ def test_help_and_show_do_not_wait_for_numba(arguments):
         timeout=60,
     )
     assert done.stdout.splitlines()[-1] == "False"
+
+
+def test_a_users_model_that_is_asked_in_numpy_is_logged_once(monkeypatch, caplog):
+    monkeypatch.setattr("quietfix.systems.kernels.progress._said", set())
+    behind = CustomMeasurement(NumpyRange(1.0, [0]), [0], has_jacobian=False)
+    with caplog.at_level(logging.INFO, "quietfix"):
+        for model in (Longer(1.0, [0]), Stack([Tdoa(1e-8), Longer(1.0, [0])]), behind, Squares([0]), Range(1.0, [0])):
+            program(model)
+    assert [record.message for record in caplog.records if "no equations" in record.message] == [
+        f"{__name__}:Longer: no equations: it is asked in NumPy",
+        f"{NumpyRange.__module__}:NumpyRange: no equations: it is asked in NumPy and its derivatives are central "
+        "differences",
+    ]
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_compiling_is_told_in_one_line_where_there_is_no_terminal(monkeypatch, capsys, terminal):
+    monkeypatch.setattr(telling, "_count", 0)
+    monkeypatch.setattr(telling, "live", lambda stream: terminal)
+    for name in ("one", "two", ""):
+        telling._show(name)
+    told = capsys.readouterr().err
+    if terminal:
+        assert told.endswith("once for this machine: 2, two\r\x1b[K") and "\n" not in told
+    else:
+        assert told == "compiling numerical kernels, once for this machine\n"
 
 
 def test_ready_gives_the_same_function_again():
