@@ -100,6 +100,8 @@ class Assembly:
                 whole = block.HasOutputPort("whole")
                 ports = ("whole", "whole_covariance") if whole else ("estimate", "covariance")
                 known |= {f"{name}/{port}": block.GetOutputPort(port) for port in ports}
+        late = ["arrival", *(f"{name}.dropped" for name in self.estimators)]
+        known |= {signal.replace(".", "/"): self.bus[signal] for signal in late if signal in self.bus}
         return known | {"sensed": self.sensed}
 
     @property
@@ -214,6 +216,8 @@ def build(model: Model, builder: DiagramBuilder, options: Mapping[str, Any], tri
     _check_signals(model, bus)
     if "known" not in bus and "platforms" in bus:
         bus.publish(known=bus["platforms"])
+    if model.late is not None:
+        model.late.add(bus, model.clock, model.duration)
     blocks = {name: _estimator(model, bus, name, option) for name, option in options.items()}
     for name in list(blocks)[:1]:
         bus.publish(**{port: bus[f"{name}.{port}"] for port in ("prediction", "prediction_covariance")})
@@ -261,6 +265,8 @@ def _estimator(model: Model, bus: Bus, name: str, options: Any) -> Estimator:
         if not str(error).startswith((f"{name}:", "estimators.")):
             error.args = (f"{name}: {error}",)
         raise
+    if model.late is not None:
+        block = model.late.going_back(block, assumed.takes, bus, model.clock, model.duration)
     for port, make in assumed.on_demand.items():
         if block.HasInputPort(port):
             takes[port] = make(bus, block)

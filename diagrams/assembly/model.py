@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.late import Late
 from quietfix.diagrams.assembly.map import BoundMap, View
 from quietfix.diagrams.assembly.recorded import Recorded
 from quietfix.diagrams.quantities.frame import EARTH_FIXED, Frame, as_frame
@@ -110,6 +111,8 @@ class Model:
         The longest step of the integration of blocks with continuous states [s]; see `quietfix.systems.integration`.
     recorded : Recorded, optional
         What makes it a recording: measurements are played, not simulated.
+    late : Late, optional
+        What of the signal ``measurement`` comes late; None: nothing.
     map : callable, optional
         ``() -> BoundMap``: where targets may be and what their bound depends on, for ``quietfix gdop``; by default
         those of `quietfix.diagrams.maps.default`.
@@ -135,6 +138,7 @@ class Model:
     widest: int | None = None
     step: float = LONGEST_STEP
     recorded: Recorded | None = None
+    late: Late | None = None
     map: Callable[[], BoundMap] | None = None
     view: View | None = None
     biases: Sequence[Bias] = ()

@@ -33,6 +33,7 @@ from quietfix.diagrams.library.models.bearing_crossing import (
 )
 from quietfix.diagrams.parts.biases import Biasable, believed_biases, row_units
 from quietfix.diagrams.parts.impairment import Impaired, Mount, NavigationError
+from quietfix.diagrams.parts.latency import late_of
 from quietfix.diagrams.parts.movers import ModelTarget, Platforms
 from quietfix.diagrams.parts.sensing import TargetSensor
 from quietfix.diagrams.quantities.frame import LOCAL
@@ -92,6 +93,7 @@ def declare(scenario: Scenario) -> Model:
             scenario.belief.biases,
             Biasable(row_units(model), {}, {}, mounts, ("observer",), axes, truth.errors),
         ),
+        late=late_of({"truth.latency_s": (real.names, truth.latency_s)}, scenario.belief.late, real.names),
     )
 
 

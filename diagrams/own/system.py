@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.diagrams.assembly.bus import Bus
+from quietfix.diagrams.assembly.late import Late
 from quietfix.diagrams.assembly.model import Assumed, Model, Part
 from quietfix.diagrams.assembly.recorded import Recorded
 from quietfix.diagrams.assembly.source import look_in
@@ -40,6 +41,7 @@ from quietfix.diagrams.own.fields.schema import OwnScenario
 from quietfix.diagrams.own.fields.view import view_of
 from quietfix.diagrams.parts.formation import gravity_constants
 from quietfix.diagrams.parts.impairment import KnownPlatforms
+from quietfix.diagrams.parts.latency import late_of
 from quietfix.diagrams.parts.movers import Platforms
 from quietfix.diagrams.parts.sensing import TargetSensor
 from quietfix.diagrams.paths.functions import Path, path_of, paths_of
@@ -139,11 +141,10 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
         raw = options.resolves_phases or not resolvers.each
         seen = list(resolvers.rows) if raw else resolvers.on(bus)
         takes = {"measurement": "raw"} if raw and resolvers.each else {}
-        if scaled:
-            takes |= {"noise_covariance": "noise_covariance", "start_noise_covariance": "noise_covariance"}
+        takes |= dict.fromkeys(("noise_covariance", "start_noise_covariance"), "noise_covariance") if scaled else {}
         return Assumed(used_rows(sensors, options, name), motion, start(name, options, seen), seen, takes)
 
-    own = _own_parts(scenario)
+    own, late = _own_parts(scenario), _late(scenario, sensors) if fed is None else None
     notes = [differentiated(sensors, flight), doubt, _open(around, start), _doubtful(scenario, setting, kinds)]
     return Model(
         clock=clock,
@@ -159,6 +160,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
         rows=resolvers.rows,
         step=scenario.target.step_s if isinstance(scenario.target, plants.Custom) else LONGEST_STEP,
         recorded=_recorded(fed, bool(truth), setting),
+        late=late,
         view=view_of(scenario.map, frame, setting, constants),
         biases=own_biases(scenario, sensors),
         note=" ".join(note for note in (*notes, *(fed.notes if fed else ())) if note),
@@ -176,6 +178,13 @@ def _recorded(fed: Played | Handed | None, known: bool, setting: Setting) -> Rec
     if isinstance(fed, Played):
         return recorded_of(fed, known, setting.began())
     return None if fed is None else fed.recorded
+
+
+def _late(scenario: OwnScenario, sensors: Sequence[PlacedSensor]) -> Late | None:
+    """Return which measurements of a simulation are late; those of a file have their own times."""
+    rows = {one.name: [row for model in one.models for row in model.names] for one in sensors}
+    fields = {f"sensors.{one.name}.latency_s": (rows[one.name], one.field.latency_s) for one in sensors}
+    return late_of(fields, scenario.belief.late, [row for own in rows.values() for row in own])
 
 
 def _clock(sensors: Sequence[PlacedSensor]) -> Clock:

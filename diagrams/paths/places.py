@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from quietfix.diagrams.parts.latency import LatencyOptions
 from quietfix.diagrams.parts.sensor_errors import CommonErrors
 from quietfix.diagrams.quantities.frame import Frame
 from quietfix.diagrams.schema.errors import UserError, choose
@@ -73,4 +74,5 @@ class Timed:
         at_most=89,
     )
     elevation_at: str = choice("whose horizon counts", "platform", ("platform", "target"))
+    latency_s: LatencyOptions = documented("how late what it measures comes", factory=LatencyOptions)
     errors: Errors = documented("errors that the estimators do not know of", factory=Errors)

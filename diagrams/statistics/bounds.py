@@ -38,6 +38,7 @@ __all__ = [
     "StudyBounds",
     "alike",
     "bound_squares",
+    "rows_arriving",
     "rows_present",
 ]
 
@@ -197,7 +198,14 @@ class StudyBounds:
         self.truth_names = self.wired.truth_names
         self._judged = shared(self.wired.estimated_names, self.truth_names)
 
-    def add(self, truth: Array, platforms: Array, trials: int | None = None, present: Mask | None = None) -> None:
+    def add(
+        self,
+        truth: Array,
+        platforms: Array,
+        trials: int | None = None,
+        present: Mask | None = None,
+        arrival: Array | None = None,
+    ) -> None:
         """Add a chunk of trials.
 
         Parameters
@@ -210,15 +218,19 @@ class StudyBounds:
             Trials of the chunk; by default those of truth, platforms and `present`.
         present : ndarray of bool, shape (trials or 1, time, rows of the measurement stream), optional
             Which rows were measured; by default all.
+        arrival : ndarray, shape (trials, time, rows of the measurement stream), optional
+            When each of them comes, where some are late [s].
         """
         if present is not None and (present == present[:1]).all():
             present = present[:1]
+        if arrival is not None and (arrival == arrival[:1]).all():
+            arrival = arrival[:1]
         arrays = [truth, platforms] if present is None else [truth, platforms, present]
         count = trials or max(array.shape[0] for array in arrays)
         done: list[tuple[tuple[Any, ...], Array]] = []
         for name, estimator in self.wired.estimators.items():
             for kind, motion in zip(_KINDS, (estimator.motion, self.wired.model.truth_motion), strict=True):
-                squares = self._squares(name, estimator, motion, truth, platforms, present, done)
+                squares = self._squares(name, estimator, motion, truth, platforms, present, arrival, done)
                 sums = self._sums.setdefault((name, kind), BoundSums(self.times.size))
                 sums.add(squares, count)
 
@@ -243,6 +255,7 @@ class StudyBounds:
         truth: Array,
         platforms: Array,
         present: Mask | None,
+        arrival: Array | None,
         done: list[tuple[tuple[Any, ...], Array]],
     ) -> Array:
         own, names = estimator.motion, self.truth_names
@@ -267,7 +280,8 @@ class StudyBounds:
                 return squares
         seen = None if present is None else rows_present(self.wired, estimator, present)
         flown = truth if isinstance(moves, CarriedMotion) else None
-        steps = bound_steps(state, platforms, self.times, model, moves, start, spent, seen, flown)
+        comes = None if arrival is None else rows_arriving(self.wired, estimator, arrival)
+        steps = bound_steps(state, platforms, self.times, model, moves, start, spent, seen, flown, comes)
         if looks is not None:
             steps = iter(smoothing_bound(steps, state if flown is None else flown, self.times, moves, looks.lag))
         both = shared(own.names, names)
@@ -328,6 +342,15 @@ def rows_present(wired: Assembly, estimator: Estimator, present: Mask) -> Mask:
         return present[..., [stream.index(row) for row in model.names]]
     # rows that are made of all that is measured
     return np.repeat(present.all(axis=-1, keepdims=True), model.size, axis=-1)
+
+
+def rows_arriving(wired: Assembly, estimator: Estimator, arrival: Array) -> Array:
+    """Return when the rows of an estimator's `bound_model` come [s], shape (..., m); arguments as of `rows_present`."""
+    model = estimator.bound_model
+    stream = list(wired.stream or estimator.wiring.stream)
+    if set(model.names) <= set(stream) and arrival.shape[-1] == len(stream):
+        return arrival[..., [stream.index(row) for row in model.names]]
+    return np.repeat(arrival.max(axis=-1, keepdims=True), model.size, axis=-1)
 
 
 def alike(a: Any, b: Any) -> bool:

@@ -19,6 +19,8 @@ __all__ = ["bound_steps", "posterior_bound"]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_ROUNDING = 1e-9  # s, by which an arrival may miss an epoch
+
 
 def posterior_bound(
     truth: Array,
@@ -79,8 +81,13 @@ def bound_steps(
     first_epoch_used: bool,
     present: Mask | None = None,
     flown: Array | None = None,
+    arrival: Array | None = None,
 ) -> Iterator[Array]:
-    """Yield the bound (trials, n, n) of one epoch after the other; see `posterior_bound`."""
+    """Yield the bound (trials, n, n) of one epoch after the other; see `posterior_bound`.
+
+    With `arrival` (trials or 1, time, m), when each row comes [s], it is that of what has come by then; NaN while what
+    the start is made of has not.
+    """
     tally("bounded")
     t = np.asarray(times, dtype=float)
     start = np.asarray(start_covariance, dtype=float)
@@ -94,28 +101,89 @@ def bound_steps(
     if start.shape[-1] != motion.size:
         raise ValueError(f"the start has {start.shape[-1]} states, the motion model {motion.size}")
 
-    varies = type(model).noise_covariance_at is not MeasurementModel.noise_covariance_at
-    whitener = Whitener(model.noise_covariance())
+    recursion = _Recursion(truth, platforms, t, model, motion, present, truth if flown is None else flown)
     covariance, lost = _without_lost(np.broadcast_to(start, (trials, *start.shape[1:])), np.zeros(trials, dtype=bool))
-    course = truth if flown is None else flown
-    # A square root is carried from epoch to epoch: a prior of nearly rank one then loses no digits, and stays
-    # definite where there is no process noise.
+    if arrival is not None:
+        yield from _late_steps(recursion, cholesky(covariance), lost, first_epoch_used, arrival)
+        return
     root = cholesky(covariance)
     for k in range(t.size):
         if k > 0:
-            state, dt = course[:, k - 1], float(t[k] - t[k - 1])
-            noise = motion.process_noise(state, dt)
-            root, lost = _without_lost(motion.transition(state, dt) @ root, lost)
-            if np.any(noise):
-                covariance, lost = _without_lost(symmetric(root @ np.swapaxes(root, -1, -2)) + noise, lost)
-                root = cholesky(covariance)
+            root, lost = recursion.moved(root, lost, k)
         if k > 0 or not first_epoch_used:
-            seen = None if present is None else present[:, k]
-            if varies:
-                whitener = Whitener(model.noise_covariance_at(truth[:, k], platforms[:, k]))
-            rows = whitened_jacobian(model.jacobian(truth[:, k], platforms[:, k]), whitener, seen) @ root
-            root = Gains(root, rows).root()
+            root = recursion.informed(root, k, None if present is None else present[:, k])
         yield np.where(lost[:, None, None], np.nan, root @ np.swapaxes(root, -1, -2))
+
+
+def _late_steps(
+    recursion: _Recursion, root: Array, lost: Mask, first_epoch_used: bool, arrival: Array
+) -> Iterator[Array]:
+    """Yield the bound with what has arrived by each epoch, from the last one of which everything has."""
+    t, present = recursion.times, recursion.present
+    seen = np.broadcast_to(True, arrival.shape) if present is None else present & np.isfinite(arrival)
+    trials = max(len(root), len(seen))
+    root, lost = np.broadcast_to(root, (trials, *root.shape[1:])), np.broadcast_to(lost, (trials,))
+    due = np.searchsorted(t, np.where(np.isfinite(arrival), arrival, t[-1]) - _ROUNDING)
+    oldest = int((due - np.arange(t.size)[:, None]).max(initial=0))
+    spent = np.where(seen[:, 0], arrival[:, 0], -np.inf).max(axis=-1) if first_epoch_used else np.array([-np.inf])
+    base, known = -1, (root, lost)  # with all of the epochs up to `base`
+
+    def after(so_far: tuple[Array, Mask], j: int, k: int) -> tuple[Array, Mask]:
+        root, lost = recursion.moved(*so_far, j) if j > 0 else so_far
+        if j > 0 or not first_epoch_used:
+            root = recursion.informed(root, j, seen[:, j] & (arrival[:, j] <= t[k] + _ROUNDING))
+        return root, lost
+
+    for k in range(t.size):
+        while base < k - oldest - 1:
+            base += 1
+            known = after(known, base, k)
+        root, lost = known
+        for j in range(base + 1, k + 1):
+            root, lost = after((root, lost), j, k)
+        nothing = lost | (spent > t[k] + _ROUNDING)
+        yield np.where(nothing[:, None, None], np.nan, root @ np.swapaxes(root, -1, -2))
+
+
+class _Recursion:
+    """The two steps of the recursion; it carries a square root of the covariance.
+
+    A prior of nearly rank one then loses no digits, and stays definite where there is no process noise.
+    """
+
+    def __init__(
+        self,
+        truth: Array,
+        platforms: Array,
+        times: Array,
+        model: MeasurementModel,
+        motion: Moves,
+        present: Mask | None,
+        course: Array,
+    ) -> None:
+        self.times, self.present = times, present
+        self._truth, self._platforms, self._course = truth, platforms, course
+        self._model, self._motion = model, motion
+        self._varies = type(model).noise_covariance_at is not MeasurementModel.noise_covariance_at
+        self._whitener = Whitener(model.noise_covariance())
+
+    def moved(self, root: Array, lost: Mask, k: int) -> tuple[Array, Mask]:
+        """Return the root at epoch `k`, from that of the one before, and which trials are lost by now."""
+        state, dt = self._course[:, k - 1], float(self.times[k] - self.times[k - 1])
+        noise = self._motion.process_noise(state, dt)
+        root, lost = _without_lost(self._motion.transition(state, dt) @ root, lost)
+        if np.any(noise):
+            covariance, lost = _without_lost(symmetric(root @ np.swapaxes(root, -1, -2)) + noise, lost)
+            root = cholesky(covariance)
+        return root, lost
+
+    def informed(self, root: Array, k: int, seen: Mask | None) -> Array:
+        """Return the root with the rows of epoch `k` that are `seen` (trials or 1, m)."""
+        truth, platforms, whitener = self._truth[:, k], self._platforms[:, k], self._whitener
+        if self._varies:
+            whitener = Whitener(self._model.noise_covariance_at(truth, platforms))
+        rows = whitened_jacobian(self._model.jacobian(truth, platforms), whitener, seen) @ root
+        return Gains(root, rows).root()
 
 
 def _without_lost(matrices: Array, lost: Mask) -> tuple[Array, Mask]:

@@ -34,6 +34,7 @@ _ABOUT = {
     "innovation_row_units": (_COUNT, "SI units of the rows of the innovation"),
     "in_innovation": (_COUNT, "whether the estimator's innovation has the row"),
     "measured_rows": (_COUNT, "most rows that are measured at once in the trial"),
+    "dropped_rows": (_COUNT, "rows that came too late for the estimator's buffer in the trial"),
     "truth": (_BY.format("state"), "state of the target, {frame} axes"),
     "estimate": (_BY.format("state"), "estimated state of the target, {frame} axes"),
     "prediction": (_BY.format("state"), "state predicted before the measurement of the epoch, {frame} axes"),

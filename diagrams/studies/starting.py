@@ -8,11 +8,15 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
+from quietfix.diagrams.assembly.build import Assembly
 from quietfix.diagrams.statistics.lost import not_started
 from quietfix.diagrams.statistics.tally import blocks
 
-__all__ = ["why_not_started", "why_this"]
+__all__ = ["arrivals", "counted", "why_not_started", "why_this"]
+
+Array = NDArray[np.float64]
 
 _ONE_PLACE = 1e-3  # m
 
@@ -36,7 +40,39 @@ def why_not_started(dataset: xr.Dataset, counts: Mapping[str, int]) -> list[str]
             lines.append(
                 f"{name}: {count} of {dataset.sizes['trial']} trials never started and are in no RMSE: {reason.words()}"
             )
+    if "dropped_rows" in dataset.coords:
+        for name in map(str, dataset["estimator"].values):
+            count = int(dataset["dropped_rows"].sel(estimator=name).sum())
+            if count:
+                lines.append(f"{name}: {count} rows came later than its buffer reaches, and are left out")
     return lines
+
+
+def counted(wired: Assembly, course: Mapping[str, Array], present: NDArray[np.bool_], size: int) -> dict[str, Any]:
+    """Return coordinates that count rows of each trial of a chunk.
+
+    Parameters
+    ----------
+    wired : Assembly
+    course : mapping of str to ndarray, shape (time, trials, size)
+        See `Assembly.course`.
+    present : ndarray of bool, shape (trials or 1, time, rows)
+        Which rows were measured.
+    size : int
+        Trials of the chunk.
+    """
+    rows = np.broadcast_to(present.sum(axis=-1).max(axis=-1), size)
+    found: dict[str, Any] = {"measured_rows": ("trial", rows, {"rows": present.shape[-1]})}
+    names = list(wired.estimators)
+    if any(f"{name}/dropped" in course for name in names):
+        dropped = [course[f"{n}/dropped"][-1, :size, 0] if f"{n}/dropped" in course else np.zeros(size) for n in names]
+        found["dropped_rows"] = (("estimator", "trial"), np.stack(dropped).astype(int))
+    return found
+
+
+def arrivals(course: Mapping[str, Array], size: int) -> Array | None:
+    """Return when what is measured comes (trials, time, rows) [s], where some is late; arguments as of `counted`."""
+    return course["arrival"].swapaxes(0, 1)[:size] if "arrival" in course else None
 
 
 def why_this(dataset: xr.Dataset) -> str:

@@ -45,6 +45,7 @@ from quietfix.diagrams.studies.request import (
 )
 from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
 from quietfix.diagrams.studies.runs import Run, Running, effort, longest, padded, runs, simulate, size_of_chunk, thinned
+from quietfix.diagrams.studies.starting import arrivals, counted
 from quietfix.systems.integration import simulator_of
 from quietfix.systems.kernels.sharing import threads as shared_among
 from quietfix.systems.recorder import record
@@ -279,17 +280,16 @@ class Study:
                 if bounds is not None:
                     truth, platforms = path["truth"].swapaxes(0, 1)[:size], states_of(path["platforms"], size)
                     with shared_among(request.threads):
-                        bounds.add(truth, platforms, size, present)
+                        bounds.add(truth, platforms, size, present, arrivals(path, size))
                     del truth, platforms
                 chunk = self._shape.dataset(times, signals, begin, size).assign_attrs(self.attributes())
                 if recorded is not None and recorded.clocks:
                     chunk = chunk.assign_coords(track=("trial", np.array(recorded.tracks)[begin : begin + size]))
                 if number == 0:
                     self._say_unmeasured(wired, present)
-                rows = np.broadcast_to(present.sum(axis=-1).max(axis=-1), size)
-                chunk = chunk.assign_coords(measured_rows=("trial", rows, {"rows": present.shape[-1]}))
+                chunk = chunk.assign_coords(counted(wired, path, present, size))
                 # a generator keeps its variables while it waits and while the next chunk runs
-                del signals, path, present, rows
+                del signals, path, present
                 yield Part(number, together[0].done, described(chunk), None if bounds is None else bounds.take())
                 del chunk
 

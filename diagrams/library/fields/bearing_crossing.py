@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from quietfix.diagrams.parts.biases import BIASES, BelievedBias
+from quietfix.diagrams.parts.latency import LateBelief, LatencyOptions
 from quietfix.diagrams.parts.sensor_errors import SensorErrors
 from quietfix.systems.documented import choice, documented, number
 from quietfix.systems.estimators.azimuth_filter import AzimuthFilterOptions
@@ -52,6 +53,7 @@ class Truth:
         "error of the observer's position per axis, as the estimators know it [m]", 0.0, at_least=0
     )
     navigation_time_s: float = number("correlation time of that error [s]; 0: new at every epoch", 0.0, at_least=0)
+    latency_s: LatencyOptions = documented("how late a bearing comes", factory=LatencyOptions)
     errors: SensorErrors = documented(
         "errors of the sensor that the estimators do not know of; attitude_yaw_deg: of the heading, counter-clockwise",
         factory=SensorErrors,
@@ -71,6 +73,7 @@ class Belief:
     sigma_bearing_deg: float | None = number("standard deviation of a bearing [deg]", None, above=0)
     sigma_elevation_deg: float | None = number("standard deviation of an elevation [deg]", None, above=0)
     biases: dict[str, BelievedBias] = documented(BIASES, factory=dict)
+    late: LateBelief = documented("what they make of bearings that come late", factory=LateBelief)
 
 
 @dataclass

@@ -13,6 +13,7 @@ from quietfix.diagrams.own.fields.starts import KnownHeight, Snapshot
 from quietfix.diagrams.own.fields.view import Map
 from quietfix.diagrams.parts.biases import BIASES, BelievedBias
 from quietfix.diagrams.parts.formation import EarthConstants, ReferenceOrbit
+from quietfix.diagrams.parts.latency import LateBelief
 from quietfix.diagrams.paths.movers import Fixed, Mover, RandomMotion
 from quietfix.diagrams.quantities.frame import Frame, as_frame
 from quietfix.systems.documented import choice, documented, number
@@ -88,6 +89,7 @@ class Belief:
     )
     atmosphere: Atmosphere | None = documented("what is in the way of signals; null: what is, {}: nothing", None)
     biases: dict[str, BelievedBias] = documented(BIASES, factory=dict)
+    late: LateBelief = documented("what they make of measurements that come late", factory=LateBelief)
 
 
 @dataclass
