@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Clock", "Driven", "Merged", "Periodic", "Stepped", "Times", "at_ticks", "same_instant"]
+__all__ = ["Clock", "Driven", "Merged", "Periodic", "Stepped", "Times", "at_ticks", "first_ticks", "same_instant"]
 
 _NEVER_AGAIN = 1e12  # seconds; the period of an event that is meant to fire once
 _ROUNDING = 1e-12  # relative; thousands of rounding errors, and less than light needs for 0.3 mm at 1 s
@@ -45,6 +45,14 @@ class Clock(Protocol):
 
     def ticks(self, end: float) -> NDArray[np.float64]:
         """Return all ticks up to and including `end` [s]; rounding may put the last one a bit after `end`."""
+
+
+def first_ticks(clock: Clock, count: int) -> NDArray[np.float64]:
+    """Return the first `count` ticks [s] of a clock, or as many as it has in thirty years."""
+    end = 1.0
+    while len(clock.ticks(end)) < count and end < 1e9:
+        end *= 2
+    return clock.ticks(end)[:count]
 
 
 @dataclass(frozen=True)

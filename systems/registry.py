@@ -28,6 +28,7 @@ ESTIMATORS: dict[str, str] = {
     "ra": "quietfix.systems.options.ranging.range_decomposed:Ra",
     "ra_paper": "quietfix.systems.options.ranging.range_decomposed:RaPaper",
     "bank": "quietfix.systems.options.ranging.bank:Bank",
+    "imm": "quietfix.systems.options.interacting.imm:Imm",
     "custom": "quietfix.systems.options.custom:Custom",
 }
 """Options class of each estimator, as ``module:Class``."""

@@ -12,6 +12,7 @@ from quietfix.diagrams.assembly.biased import biased
 from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.assembly.checks import check_assumed
 from quietfix.diagrams.assembly.model import Assumed, Model
+from quietfix.diagrams.quantities.frame import LOCAL
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.clocks import Clock
 from quietfix.systems.counting import tally
@@ -255,6 +256,7 @@ def _estimator(model: Model, bus: Bus, name: str, options: Any) -> Estimator:
         platform_trials=carriers[0],
         noise_port="noise_covariance" in {**takes, **assumed.feedback},
         tails=assumed.tails,
+        level=model.axes is LOCAL,
     )
     try:
         block: Estimator = options.make(name, assumed.model, assumed.motion, assumed.start, wiring)

@@ -13,6 +13,7 @@ from quietfix.diagrams.figures.consistency import draw_consistency
 from quietfix.diagrams.figures.convergence import draw_convergence
 from quietfix.diagrams.figures.errors import draw_error, draw_percentiles
 from quietfix.diagrams.figures.ground import draw_ground, has_ground
+from quietfix.diagrams.figures.models import draw_models, with_models
 from quietfix.diagrams.figures.particles import draw_particle_health, particle_filters
 from quietfix.diagrams.figures.style import save
 from quietfix.diagrams.statistics.epochs import along
@@ -38,9 +39,9 @@ def study_figures(dataset: xr.Dataset, folder: Path | str, ensemble: Ensemble | 
     -------
     list of Path
         ``error_position``, ``error_height``, ``error_speed``, ``error_course``, ``error_bias``,
-        ``percentiles_position``, ``nees``, ``nis``, ``ground``, ``particles``, ``convergence``, all ``.png``; without
-        those whose numbers the result does not have; of tracks of unequal length without ``ground`` and
-        ``convergence``, which have no time in common.
+        ``percentiles_position``, ``nees``, ``nis``, ``ground``, ``particles``, ``models``, ``convergence``, all
+        ``.png``; without those whose numbers the result does not have; of tracks of unequal length without ``ground``,
+        ``models`` and ``convergence``, which have no time in common.
     """
     target = Path(folder)
     if "estimator" not in dataset.coords:  # nothing is estimated
@@ -63,6 +64,8 @@ def study_figures(dataset: xr.Dataset, folder: Path | str, ensemble: Ensemble | 
         written.append(save(draw_ground(dataset), target / "ground.png"))
     if particle_filters(dataset):
         written.append(save(draw_particle_health(dataset), target / "particles.png"))
+    if not tracks and with_models(dataset):
+        written.append(save(draw_models(dataset), target / "models.png"))
     if judged and not tracks:
         figure = draw_convergence(dataset, known.rmse("position", started=False))
         written.append(save(figure, target / "convergence.png"))

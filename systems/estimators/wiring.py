@@ -47,6 +47,8 @@ class Wiring:
         True where R comes with the measurement, on the port ``noise_covariance``.
     tails : Tails, optional
         Rows whose noise is not Gaussian; Kalman-type filters weigh them accordingly.
+    level : bool
+        True where z is up, everywhere: turns about the vertical are turns about one axis.
     """
 
     trials: int
@@ -56,6 +58,7 @@ class Wiring:
     platform_trials: int = 1
     noise_port: bool = False
     tails: Tails | None = None
+    level: bool = False
 
     def __post_init__(self) -> None:
         """Check the arguments."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from quietfix.systems.linear_algebra import cholesky, symmetric
 
-__all__ = ["branch", "in_doubt", "log_evidence", "mixture", "reweigh"]
+__all__ = ["branch", "in_doubt", "log_evidence", "mixture", "normalised", "reweigh"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from quietfix.systems.clocks import Clock
+from quietfix.systems.clocks import Clock, first_ticks
 from quietfix.systems.sensors.platform_error import PlatformError
 from quietfix.systems.sensors.sensor import Sensor
 from quietfix.systems.signals import EnsembleBlock
@@ -51,10 +51,7 @@ class Preview(EnsembleBlock):
         name: str = "preview",
     ) -> None:
         super().__init__(name)
-        end = 1.0
-        while len(clock.ticks(end)) < epochs and end < 1e9:
-            end *= 2
-        self._times = clock.ticks(end)[:epochs]
+        self._times = first_ticks(clock, epochs)
         if len(self._times) < epochs:
             raise ValueError(f"{name}: {epochs} epochs are asked for, the sensor has {len(self._times)}")
         self._sensor, self._target, self._platform, self._error = sensor, target, platform, error

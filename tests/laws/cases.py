@@ -56,6 +56,8 @@ from quietfix.systems.motion.custom import CustomMotion
 from quietfix.systems.motion.drifting_bias import DriftingBias
 from quietfix.systems.motion.gauss_markov import GaussMarkov
 from quietfix.systems.motion.known_flight import KnownFlight
+from quietfix.systems.motion.manoeuvring.coordinated_turn import CoordinatedTurn
+from quietfix.systems.motion.manoeuvring.driven import Driven
 from quietfix.systems.motion.orbital import OrbitalMotion
 from quietfix.systems.motion.pass_oscillator import PassOscillator
 from quietfix.systems.motion.random_walk import RandomWalk
@@ -63,6 +65,11 @@ from quietfix.systems.motion.side_by_side import SideBySide
 from quietfix.systems.motion.stationary import Stationary
 from quietfix.systems.options.custom import Custom
 from quietfix.systems.options.iekf import Iekf
+from quietfix.systems.options.interacting.imm import Imm
+from quietfix.systems.options.interacting.models import AsBelieved
+from quietfix.systems.options.interacting.transitions import Matrix, Sojourn
+from quietfix.systems.options.motions import ConstantVelocity as WrittenVelocity
+from quietfix.systems.options.motions import WhiteNoiseAcceleration as WrittenAcceleration
 from quietfix.systems.options.ukf import Ukf
 from quietfix.systems.registry import ESTIMATORS, object_at
 from quietfix.systems.trajectories.gravity import GravityConstants
@@ -398,6 +405,9 @@ MOTIONS = {
     ),
     "custom": (CustomMotion(OrbitalMotion(density=1e-6)), _between_satellites().targets),
     "custom, by differences": (CustomMotion(OrbitalMotion(), has_transition=False), _between_satellites().targets),
+    "coordinated turn": (CoordinatedTurn(-0.1, 0.5), _STATE[None]),
+    "coordinated turn, plane": (CoordinatedTurn(1e-3, 0.5, axes=2), np.array([[1e3, -2e3, 10.0, 20.0]])),
+    "orbit, driven": (Driven(OrbitalMotion(density=1e-6), 2.0), _between_satellites().targets),
     "turning": (Turning(), np.array([[10.0, 20.0, 0.3, 0.01], [-5e3, 1e3, -2.0, 0.05]])),
 }
 """Every motion model: model and example states (k, n)."""
@@ -434,6 +444,14 @@ FILTERS |= _registered()
 EXAMPLES = {
     "custom": [Custom(class_="quietfix.systems.filters.iterated_extended:IteratedExtendedKalman")],
     "iekf": [Iekf(), Iekf(max_iterations=3, tolerance=1.0)],
+    "imm": [
+        Imm(models={"calm": AsBelieved(), "agile": AsBelieved(4.0)}, transitions=Sojourn({"calm": 60.0, "agile": 9.0})),
+        Imm(
+            models={"a": WrittenAcceleration(0.01), "b": AsBelieved(0.3), "c": WrittenVelocity(5.0)},
+            transitions=Matrix([[0.9, 0.1, 0.0], [0.1, 0.8, 0.1], [0.0, 0.3, 0.7]]),
+            filter=Ukf(),
+        ),
+    ],
     "ukf": [Ukf(), Ukf(alpha=0.5, beta=2.0, kappa=1.0)],
 }
 """Options of registered estimators where the defaults are not enough, or are not all."""
@@ -447,6 +465,10 @@ BEARINGS_ONLY = ("range_bank", "crossing", "ml")
 
 SAMPLED = ("pf", "pf_sir")
 """Those that draw particles: the same laws, exact or within their scatter, in test_particle_laws."""
+
+
+SEVERAL_MOTIONS = ("imm",)
+"""Those that believe in several motions: their covariance does not grow by one; see test_interacting."""
 
 
 def estimators():

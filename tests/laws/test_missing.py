@@ -7,7 +7,7 @@ from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.measurement.altitude import Altitude
 from quietfix.systems.measurement.stack import Stack
-from tests.laws.cases import FILTERS, estimators, fdoa, phase, tdoa
+from tests.laws.cases import FILTERS, SEVERAL_MOTIONS, estimators, fdoa, phase, tdoa
 from tests.laws.rig import PORTS, Scene
 
 TRIALS = 5
@@ -102,7 +102,8 @@ def test_every_row_missing_for_twenty_epochs(name):
         sigma = np.sqrt(np.diagonal(p, axis1=-2, axis2=-1))
         assert close(values["estimate"][k], x, sigma)
         assert close(values["prediction"][k], x, sigma)
-        assert np.abs((values["covariance"][k] - p) / (sigma[..., None] * sigma[..., None, :])).max() < 1e-9
+        if name.split()[0] not in SEVERAL_MOTIONS:
+            assert np.abs((values["covariance"][k] - p) / (sigma[..., None] * sigma[..., None, :])).max() < 1e-9
     assert np.isfinite(values["nis"][30:]).all()
     error = np.linalg.norm((values["estimate"][-1] - scene.truth[-1]) / deviations(values)[-1], axis=-1)
     assert np.all(error < 6)  # six sigma in six dimensions: probability 1e-6 for a filter that is consistent

@@ -3,5 +3,5 @@
 May import: diagrams.own.classes, diagrams.own.fields, diagrams.own.kinds, diagrams.assembly, diagrams.parts,
 diagrams.paths, diagrams.quantities, diagrams.schema, systems, systems.along_track, systems.angles,
 systems.atmosphere, systems.biases, systems.estimators, systems.fixes, systems.geometry, systems.measurement,
-systems.motion, systems.plants, systems.sensors, systems.starts.
+systems.motion, systems.options, systems.plants, systems.sensors, systems.starts.
 """

@@ -11,7 +11,7 @@ from pydrake.systems.framework import OutputPort
 from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.own.classes import motions, plants
 from quietfix.diagrams.own.declaring.along_track import add_plants, ahead_motions, ahead_sigmas
-from quietfix.diagrams.own.fields.schema import ConstantVelocity, Given, Orbital, Oscillator, OwnScenario, Prior
+from quietfix.diagrams.own.fields.schema import Given, Orbital, Oscillator, OwnScenario, Prior
 from quietfix.diagrams.parts.formation import gravity_constants
 from quietfix.diagrams.parts.movers import ModelTarget
 from quietfix.diagrams.paths.functions import Path
@@ -25,7 +25,7 @@ from quietfix.diagrams.paths.movers import (
     Straight,
     StraightLine,
 )
-from quietfix.diagrams.quantities.frame import INERTIAL
+from quietfix.diagrams.quantities.frame import INERTIAL, LOCAL
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.along_track.anew import Anew
 from quietfix.systems.clocks import Clock
@@ -36,6 +36,7 @@ from quietfix.systems.motion.drifting_bias import DriftingBias
 from quietfix.systems.motion.orbital import OrbitalMotion
 from quietfix.systems.motion.random_walk import RandomWalk
 from quietfix.systems.motion.side_by_side import SideBySide
+from quietfix.systems.options.motions import CoordinatedTurn
 from quietfix.systems.plants.joined import Joined
 from quietfix.systems.plants.model_plant import ModelPlant
 from quietfix.systems.plants.path import Path as PathBlock
@@ -55,9 +56,9 @@ def target_motion(scenario: OwnScenario) -> MotionModel:
             raise UserError(f"belief.motion: !Orbital is for frame inertial only, this is {scenario.frame}")
         constants = gravity_constants(scenario.constants)
         return OrbitalMotion(constants, constants.j2 != 0, density=field.density_m2ps3)
-    if isinstance(field, ConstantVelocity):
-        return constant_velocity.ConstantVelocity(field.acceleration_mps2)
-    return constant_velocity.WhiteNoiseAcceleration(field.density_m2ps3)
+    if isinstance(field, CoordinatedTurn) and scenario.axes is not LOCAL:
+        raise UserError(f"belief.motion: !CoordinatedTurn is for frame local only, this is {scenario.frame}")
+    return field.model()
 
 
 def with_bias(scenario: OwnScenario, motion: MotionModel, walk: float | None) -> MotionModel:

@@ -18,32 +18,17 @@ from quietfix.diagrams.paths.movers import Fixed, Mover, RandomMotion
 from quietfix.diagrams.quantities.frame import Frame, as_frame
 from quietfix.systems.documented import choice, documented, number
 from quietfix.systems.options.choice import EstimatorChoice
+from quietfix.systems.options.motions import ConstantVelocity, CoordinatedTurn, WhiteNoiseAcceleration
 
 __all__ = [
     "Belief",
-    "ConstantVelocity",
     "Given",
     "Orbital",
     "Oscillator",
     "OwnScenario",
     "PlatformErrors",
     "Prior",
-    "WhiteNoiseAcceleration",
 ]
-
-
-@dataclass
-class WhiteNoiseAcceleration:
-    """Straight on, driven by white acceleration noise in continuous time: fit for any mixture of rates."""
-
-    density_m2ps3: float = number("power spectral density of the acceleration per axis [m^2/s^3]", 0.1, at_least=0)
-
-
-@dataclass
-class ConstantVelocity:
-    """Straight on, with an acceleration drawn anew in every step: two steps of 1 s have less noise than one of 2 s."""
-
-    acceleration_mps2: float = number("standard deviation of the acceleration in a step [m/s^2]", 0.1, at_least=0)
 
 
 @dataclass
@@ -77,7 +62,7 @@ class Oscillator:
 class Belief:
     """What the estimators believe."""
 
-    motion: WhiteNoiseAcceleration | ConstantVelocity | Orbital | motions.Custom = documented(
+    motion: WhiteNoiseAcceleration | ConstantVelocity | CoordinatedTurn | Orbital | motions.Custom = documented(
         "how the target moves", factory=WhiteNoiseAcceleration
     )
     sensors: dict[str, Sensor] = documented(

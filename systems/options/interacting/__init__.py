@@ -1,0 +1,5 @@
+"""Filters of several motions that interact, with their options.
+
+May import: systems, systems.estimators, systems.filters, systems.measurement, systems.motion,
+systems.options, systems.starts.
+"""
