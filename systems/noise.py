@@ -16,7 +16,7 @@ from scipy.special import ndtri
 
 from quietfix.systems.kernels.loading import ready
 
-__all__ = ["many_normal", "normal", "uniform"]
+__all__ = ["generators", "many_normal", "normal", "uniform"]
 
 _WORDS_PER_BLOCK = 4  # one Philox 4x64 block
 
@@ -97,12 +97,21 @@ def many_normal(
     -------
     ndarray, shape (trials, *shape)
     """
+    states = generators(seed, name, trials, sample)
+    drawn, fill = np.empty((len(states), *shape)), ready("particles.normals:fill")
+    for row, state in zip(drawn, states, strict=True):
+        fill(state, row.reshape(-1))
+    return drawn
+
+
+def generators(seed: int, name: str, trials: Iterable[int], sample: int) -> NDArray[np.uint64]:
+    """Return the states (trials, 4) of the generators from which `many_normal` draws."""
     if sample < 0:
         raise ValueError(f"sample must be >= 0, got {sample}")
     numbers = list(trials)
-    drawn, fill = np.empty((len(numbers), *shape)), ready("particles.normals:fill")
-    for row, trial in zip(drawn, numbers, strict=True):
+    states = np.empty((len(numbers), 4), dtype=np.uint64)
+    for row, trial in zip(states, numbers, strict=True):
         entropy = int.from_bytes(_key(seed, f"many:{name}:{trial}:{sample}").tobytes(), "little")
         state: Any = np.random.SFC64(entropy).state
-        fill(state["state"]["state"], row.reshape(-1))
-    return drawn
+        row[:] = state["state"]["state"]
+    return states

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
@@ -20,6 +20,8 @@ from quietfix.systems.filters.particle.likelihood import Likelihood, Reading
 from quietfix.systems.filters.particle.motion import propagate
 from quietfix.systems.filters.particle.update import Cloud, ParticleUpdate
 from quietfix.systems.filters.particle.weights import effective_size, moments, normalise, unique_sorted
+from quietfix.systems.kernels.equations import are_own, program
+from quietfix.systems.kernels.sharing import pieces, side_by_side
 from quietfix.systems.linear_algebra import semidefinite_root
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
@@ -31,6 +33,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _AT_ONCE = 100_000  # particles: what fits into a processor's cache; more at once are slower
+_EACH = 0.03  # us that a particle takes in a step, at least
 _PORTS = COLUMNS[:-1]
 
 
@@ -161,10 +164,26 @@ class ParticleEstimator(Estimator):
             name, tick = f"{name}@{epoch.time!r}", 0
         return Draws(draw.seed, name, tick, draw.first_trial + np.arange(self.wiring.trials))
 
-    def _groups_of_trials(self) -> Iterator[slice]:
+    def _groups_of_trials(self, within: slice | None = None) -> Iterator[slice]:
+        begin, end = (0, self.wiring.trials) if within is None else (within.start, within.stop)
         step = max(1, _AT_ONCE // self.particles)
-        for start in range(0, self.wiring.trials, step):
-            yield slice(start, min(start + step, self.wiring.trials))
+        for start in range(begin, end, step):
+            yield slice(start, min(start + step, end))
+
+    def _in_groups(self, work: Callable[[slice], None]) -> None:
+        """Do the work of all trials by groups; by several threads where all of the work is compiled."""
+
+        def some(piece: slice) -> None:
+            for group in self._groups_of_trials(piece):
+                work(group)
+
+        trials = self.wiring.trials
+        compiled = program(self.model) is not None and (self.motion.linear or are_own(type(self.motion)))
+        cut = pieces(trials, _EACH * self.particles) if compiled else [slice(0, trials)]
+        if len(cut) == 1:
+            some(cut[0])
+        else:
+            side_by_side([(some, (piece,)) for piece in cut])
 
     # ---- Estimator
 
@@ -213,7 +232,8 @@ class ParticleEstimator(Estimator):
             index = index[good]
             if index.size == 0:
                 continue
-            cloud = Cloud(np.ascontiguousarray(np.moveaxis(drawn[good], -1, 1)), drawn_log[good], drawn_log[good])
+            kept = np.ascontiguousarray(np.moveaxis(drawn[good], -1, 1))
+            cloud = Cloud(kept, drawn_log[good], np.zeros(drawn_log[good].shape))
             weight, _ = normalise(cloud.log_weight)
             mean[index], covariance[index] = moments(cloud.particles, weight)
             effective[index], able[index] = effective_size(weight), True
@@ -221,10 +241,10 @@ class ParticleEstimator(Estimator):
             few = np.flatnonzero(effective[index] < self.particle_update.threshold * count)
             if few.size:
                 rows = index[few]
-                fresh = self.particle_update.resample(
-                    cloud.rows(few), weight[few], mean[rows], covariance[rows], draws, rows, -1
+                self.particle_update.resample(
+                    cloud, few, weight[few], mean[rows], covariance[rows], effective[rows], draws.of(index), -1, cloud
                 )
-                particles[rows], log_weight[rows] = fresh.particles, 0.0
+                particles[rows], log_weight[rows] = cloud.particles[few], 0.0
         memory = self._begun(particles, log_weight, mean, covariance)
         memory["health"][:, 0] = effective
         return memory, able
@@ -235,7 +255,8 @@ class ParticleEstimator(Estimator):
         if motion.input_size:
             carried = {"motion_input": motion.next_input(memory["mean"], memory["motion_input"], dt)}
         particles = np.empty_like(cloud.particles)
-        for group in self._groups_of_trials():
+
+        def work(group: slice) -> None:
             index, here, own = np.arange(group.start, group.stop), memory["mean"][group], motion
             if motion.input_size:
                 own = motion.driven(carried["motion_input"][group])
@@ -244,12 +265,15 @@ class ParticleEstimator(Estimator):
             noise = own.process_noise(here, dt)
             if not np.isfinite(noise.sum()):
                 noise = np.where(np.isfinite(noise).all(axis=(-1, -2), keepdims=True), noise, 0.0)
+            white: Array | NDArray[np.uint64]
             if noise.any():
                 root = _noise_root(noise.tobytes(), noise.shape)
-                white = draws.normal("motion", index, (root.shape[-1], self.particles))
+                white = draws.generators("motion", index)
             else:
                 root, white = np.empty((motion.size, 0)), np.empty((len(index), 0, self.particles))
             propagate(own, here, cloud.particles[group], dt, root, white, particles[group])
+
+        self._in_groups(work)
         kept = {group: memory[group] for group in ("log_weight", "ancestor", "health")}
         return {"particles": particles.reshape(len(particles), -1), **kept, **carried}
 
@@ -272,13 +296,16 @@ class ParticleEstimator(Estimator):
         posterior |= {"mean": np.empty((trials, n)), "covariance": np.empty((trials, n * n))}
         innovation = Innovation(np.full((trials, m), np.nan), np.full(trials, np.nan), np.zeros(trials))
         draws = self._draws(epoch)
-        for group in self._groups_of_trials():
+
+        def work(group: slice) -> None:
             part = {name: value[group] for name, value in memory.items()}
             index = np.arange(group.start, group.stop)
             reading, given = Reading(self.model, observation.rows(index)), draws.of(index)
             new = {name: value[group] for name, value in posterior.items()}
             value, nis, rows = self._correct_group(part, reading, given, new)
             innovation.value[group], innovation.nis[group], innovation.nis_dof[group] = value, nis, rows
+
+        self._in_groups(work)
         return {**posterior, **carried}, innovation
 
     def _correct_group(self, memory: Memory, reading: Reading, draws: Draws, posterior: Memory) -> Innovation:
@@ -289,10 +316,7 @@ class ParticleEstimator(Estimator):
         prior, n = self._cloud(memory), self.motion.size
         everyone = np.arange(len(prior.particles))
         residual = reading.residual(prior.particles, everyone)
-        missing = ~np.isfinite(reading.observation.value)
-        whole = bool(np.isfinite(residual.sum()))
-        if not whole:
-            missing |= ~np.isfinite(residual).any(axis=1)
+        missing = ~np.isfinite(reading.observation.value) | (residual.there == 0)
         rows = np.count_nonzero(~missing, axis=-1)
         value, nis = np.full(missing.shape, np.nan), np.full(len(rows), np.nan)
         if not rows.all():
@@ -310,10 +334,7 @@ class ParticleEstimator(Estimator):
                 value[some], nis[some] = told.value, told.nis
             return Innovation(value, nis, rows)
         prior, health = self._window(prior, memory["health"])
-        weight, _ = normalise(prior.log_weight)
-        known = residual if whole else np.where(np.isfinite(residual), residual, 0.0)
-        value = (known.swapaxes(1, 2) @ weight[..., None])[..., 0]
-        result = self.particle_update(prior, Likelihood(reading, missing), residual, draws, self._cloud(posterior))
+        result = self.particle_update(prior, Likelihood(reading, missing), residual.rows, draws, self._cloud(posterior))
         now = evidence(result.log_evidence, result.spread, rows)
         recent = follow(health[:, 3], now)
         ancestors = unique_sorted(result.cloud.ancestor)
@@ -323,7 +344,7 @@ class ParticleEstimator(Estimator):
         posterior["covariance"][...] = result.covariance.reshape(len(rows), -1)
         posterior["health"][...] = np.stack(columns, axis=-1)
         nis = normalised_innovation(result.innovation, result.spread)
-        return Innovation(np.where(missing, np.nan, value), nis, rows)
+        return Innovation(np.where(missing, np.nan, result.residual), nis, rows)
 
     def _window(self, cloud: Cloud, health: Array) -> tuple[Cloud, Array]:
         """Count ancestors anew in trials whose window is over."""

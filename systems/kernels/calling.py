@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +12,7 @@ from numba.extending import intrinsic
 
 from quietfix.systems.kernels.compiling import compiled, load
 
-__all__ = ["ARGUMENTS", "SIGNATURE", "address_of", "call_kernel", "kernel"]
+__all__ = ["ARGUMENTS", "SIGNATURE", "address_of", "by_address", "call_kernel", "kernel", "known", "packaged"]
 
 ARGUMENTS = ("state", "platforms", "parameters", "value", "jacobian")
 SIGNATURE = types.void(
@@ -37,10 +38,10 @@ def kernel(function: Callable[..., Any]) -> Any:
         If it is not a function of five arguments.
     """
     _check_arguments(function)
-    return compiled(SIGNATURE.args, from_python=False, careful=not _packaged(function))(function)
+    return compiled(SIGNATURE.args, from_python=False, careful=not packaged(function))(function)
 
 
-def _packaged(function: Callable[..., Any]) -> bool:
+def packaged(function: Callable[..., Any]) -> bool:
     """Return whether a kernel is ours; a user's may allocate, and is checked for indices beyond the end of an array."""
     return function.__module__.startswith("quietfix.systems.kernels.")
 
@@ -53,6 +54,14 @@ def _check_arguments(function: Callable[..., Any]) -> None:
     if len(given) != len(ARGUMENTS) or any(p.kind is not p.POSITIONAL_OR_KEYWORD for p in given):
         got = ", ".join(map(str, given))
         raise TypeError(f"kernel: {name}({got}) is not allowed; its arguments must be {', '.join(ARGUMENTS)}")
+
+
+def known(kernel: Any) -> Any:
+    """Return a kernel: that of ``module:function`` of the room `models`, or a user's function itself."""
+    if isinstance(kernel, str):
+        module, _, name = kernel.partition(":")
+        kernel = getattr(importlib.import_module(f"quietfix.systems.kernels.models.{module}"), name)
+    return kernel
 
 
 def address_of(function: Any) -> int:
@@ -82,22 +91,28 @@ def address_of(function: Any) -> int:
     return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
 
 
-def _call(typing: Any, address: Any, state: Any, platforms: Any, parameters: Any, value: Any, jacobian: Any) -> Any:
-    """Call the kernel at `address`; return whether it raised."""
-    given = (state, platforms, parameters, value, jacobian)
+def by_address(signature: Any, given: tuple[Any, ...]) -> Any:
+    """Return type and code of a call of a function of that signature: its address, then `given` arguments.
 
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    It is true where the function raised.
+    """
+
+    def generate(context: Any, builder: Any, _: Any, args: Any) -> Any:
         convention = context.call_conv
-        function = convention.get_function_type(types.none, SIGNATURE.args)
+        function = convention.get_function_type(signature.return_type, signature.args)
         pointer = builder.inttoptr(args[0], function.as_pointer())
         cast = [
             context.cast(builder, arg, own, declared)
-            for arg, own, declared in zip(args[1:], given, SIGNATURE.args, strict=True)
+            for arg, own, declared in zip(args[1:], given, signature.args, strict=True)
         ]
-        status, _ = convention.call_function(builder, pointer, types.none, SIGNATURE.args, cast)
+        status, _ = convention.call_function(builder, pointer, signature.return_type, signature.args, cast)
         return status.is_error
 
     return types.boolean(types.int64, *given), generate
+
+
+def _call(typing: Any, address: Any, state: Any, platforms: Any, parameters: Any, value: Any, jacobian: Any) -> Any:
+    return by_address(SIGNATURE, (state, platforms, parameters, value, jacobian))
 
 
 call_kernel: Any = intrinsic(_call)

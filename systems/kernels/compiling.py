@@ -6,9 +6,10 @@ import hashlib
 import os
 import pickle
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,12 +18,14 @@ from numba.core import caching, config
 
 from quietfix.systems.kernels.progress import noting_loading, say_compiled, say_compiling, say_uncached
 
-__all__ = ["compiled", "inlined", "load", "summing"]
+__all__ = ["compiled", "inlined", "load", "part_of_loops", "summing"]
 
 _ROOM = Path(__file__).parent
 
 _ALWAYS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
 _INNER: dict[str, Any] = {**_ALWAYS, "no_cpython_wrapper": True}
+
+_one_at_a_time = threading.RLock()
 
 _njit = cast(Any, numba.njit)  # its type does not list all of its options
 
@@ -39,34 +42,57 @@ The order is that of the machine and the length, and does not depend on what els
 """
 
 
-def compiled(signature: Any, from_python: bool = True, careful: bool = False) -> Callable[[Callable[..., Any]], Any]:
+def part_of_loops(function: Callable[..., Any], careful: bool) -> Any:
+    """Return a function that becomes part of every compiled one that calls it, however long it is; see `compiled`."""
+    return _njit(**_INNER, _nrt=careful, boundscheck=careful, forceinline=True)(function)
+
+
+def compiled(
+    signature: Any, from_python: bool = True, careful: bool = False, apart: bool = False
+) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator: the function is compiled for that signature alone, by `load`, and kept on disk.
 
     One that is not `from_python` is called by its address; a `careful` one may allocate, and raises where an index is
-    beyond the end of an array.
+    beyond the end of an array. With `apart` its arguments share no memory: loops over them are then done several steps
+    at a time.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
         options = _ALWAYS if from_python else _INNER
         dispatcher = _njit(**options, _nrt=careful, boundscheck=careful)(function)
         dispatcher.declared = signature
+        dispatcher.kept_as = function, ""
+        if apart:
+            dispatcher._compiler._customize_flags = _apart
         return dispatcher
 
     return decorate
 
 
+def _apart(flags: Any) -> Any:
+    flags.noalias = True
+    return flags
+
+
 def load(dispatcher: Any) -> Any:
     """Compile a `compiled` function, or take its machine code from the cache; return it, ready to be called."""
-    if not dispatcher.overloads:
-        dispatcher._cache = _cache_of(dispatcher.py_func)
-        try:
-            with noting_loading(), _neighbours_together():
-                dispatcher.compile(dispatcher.declared)
-        finally:
-            if dispatcher._cache.told:
-                say_compiled()
-        dispatcher.disable_compile()
+    if dispatcher._can_compile:
+        with _one_at_a_time:
+            _compile(dispatcher)
     return dispatcher
+
+
+def _compile(dispatcher: Any) -> None:
+    if not dispatcher._can_compile:  # another thread has done it
+        return
+    dispatcher._cache = _cache_of(*dispatcher.kept_as)
+    try:
+        with noting_loading(), _neighbours_together():
+            dispatcher.compile(dispatcher.declared)
+    finally:
+        if dispatcher._cache.told:
+            say_compiled()
+    dispatcher.disable_compile()
 
 
 @contextmanager
@@ -134,16 +160,20 @@ def _folders(file: Path) -> list[Path]:
 
 
 class _Implementation(caching.CompileResultCacheImpl):
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], name: str) -> None:
         self._locator_classes = cast(Any, [_Locator])
         super().__init__(function)
+        self._filename_base += name
 
 
 class _Cache(caching.FunctionCache):
     """A cache that can fail: a damaged file is compiled anew, a full disk leaves the code in memory."""
 
-    _impl_class = _Implementation
     told = False
+
+    def __init__(self, function: Callable[..., Any], name: str) -> None:
+        self._impl_class = cast(Any, partial(_Implementation, name=name))
+        super().__init__(function)
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         try:
@@ -172,8 +202,9 @@ class _Memory(caching.NullCache):
         say_compiling(self._name)
 
 
-def _cache_of(function: Callable[..., Any]) -> Any:
+def _cache_of(function: Callable[..., Any], name: str) -> Any:
+    """Return where the machine code of a function is kept, or, under another name, what is made of it."""
     try:
-        return _Cache(function)
+        return _Cache(function, name)
     except RuntimeError:  # no locator
         return _Memory(function)

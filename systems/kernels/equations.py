@@ -5,13 +5,13 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.kernels.loading import address
+from quietfix.systems.kernels.loading import address, address_over
 from quietfix.systems.kernels.progress import say_slower
 
 __all__ = [
@@ -159,6 +159,12 @@ class Program:
     straight: bool
     equations: Equations
 
+    @cached_property
+    def loops(self) -> Integers:
+        """Addresses (k,) of the kernels' loops over particles, compiled when they are first asked for."""
+        kernels = zip(self.equations.kernels, self.equations.sizes, strict=True)
+        return np.array([address_over(kernel, rows) for kernel, rows in kernels], dtype=np.int64)
+
 
 _programs: dict[int, tuple[weakref.ref[Any], Program | None]] = {}
 _inherited: dict[int, tuple[weakref.ref[Any], Program]] = {}
@@ -227,17 +233,24 @@ class Step:
     parameters : ndarray
     noise : ndarray, shape (1, n, n)
         Q, where it has no kernel.
+    kernel : Kernel
+        The first one.
     """
 
     parts: Integers
     parameters: Array
     noise: Array
+    kernel: Kernel
+
+    def loop(self, states: int) -> int:
+        """Return the address of the first kernel's loop over particles; see `Program.loops`."""
+        return address_over(self.kernel, states)
 
 
 def step(kernels: Sequence[Kernel], parameters: Sequence[Sequence[float]], noise: Array) -> Step:
     """Return a motion's step of one kernel, or two; see `Step`."""
     made = _made(Equations(tuple(kernels), (0,) * len(kernels), tuple(map(tuple, parameters)), (), (), 0, 0, 0))
-    return Step(made.parts, made.parameters, np.array(noise, dtype=float)[None])
+    return Step(made.parts, made.parameters, np.array(noise, dtype=float)[None], kernels[0])
 
 
 def _made(equations: Equations) -> Program:

@@ -6,7 +6,7 @@ import importlib
 from functools import cache
 from typing import Any
 
-__all__ = ["address", "ready"]
+__all__ = ["address", "address_over", "ready"]
 
 
 @cache
@@ -24,8 +24,11 @@ def ready(name: str) -> Any:
 def address(kernel: Any) -> int:
     """Return the address of a kernel: ``module:function`` of the room `models`, or a user's function."""
     calling = importlib.import_module("quietfix.systems.kernels.calling")
-    if isinstance(kernel, str):
-        module, _, name = kernel.partition(":")
-        kernel = getattr(importlib.import_module(f"quietfix.systems.kernels.models.{module}"), name)
-    found: int = calling.address_of(kernel)
+    found: int = calling.address_of(calling.known(kernel))
+    return found
+
+
+def address_over(kernel: Any, rows: int) -> int:
+    """Return the address of a kernel's loop over states; see `quietfix.systems.kernels.particles.loops`."""
+    found: int = importlib.import_module("quietfix.systems.kernels.particles.loops").address_over(kernel, rows)
     return found

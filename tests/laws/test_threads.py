@@ -46,7 +46,7 @@ def test_an_estimator_has_the_same_bits(scene, cut, name):
         with sharing.threads(count):
             assert_same(scene.run(name, estimators()[name]), alone)
         assert set(cut) <= {count}
-        if name in ("ekf", "iekf", "ukf"):
+        if name in ("ekf", "iekf", "ukf", "pf", "pf_sir"):
             assert cut
 
 

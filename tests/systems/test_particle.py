@@ -246,7 +246,7 @@ def one_update(update, shift, count=4000, trials=40, sigma=0.3):
     spread = math.sqrt(1 + sigma**2)
     z = spread * (draws.normal("z", everyone, (2,)) + shift)
     reading = Reading(model, Observation(z, np.zeros((1, 1, 6)), Whitener(model.noise_covariance())))
-    residual = reading.residual(particles, everyone)
+    residual = reading.residual(particles, everyone).rows
     return update(cloud, Likelihood(reading, np.zeros((trials, 2), dtype=bool)), residual, draws), z, spread
 
 
@@ -292,7 +292,7 @@ def test_a_trial_that_is_done_is_not_touched():
         reading = Reading(model, Observation(z, np.zeros((1, 1, 6)), Whitener(noise[which])))
         part = cloud.rows(which)
         everyone = np.arange(len(which))
-        residual = reading.residual(part.particles, everyone)
+        residual = reading.residual(part.particles, everyone).rows
         return ParticleUpdate()(part, Likelihood(reading, np.zeros(z.shape, dtype=bool)), residual, draws.of(which))
 
     both = update([0, 1])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.noise import many_normal, uniform
+from quietfix.systems.noise import generators, many_normal, uniform
 
 __all__ = ["Draws"]
 
@@ -42,6 +42,10 @@ class Draws:
     def normal(self, purpose: str, which: NDArray[np.intp], shape: tuple[int, ...]) -> Array:
         """Return standard normal numbers, shape (len(which), *shape)."""
         return many_normal(self.seed, f"{self.name}:{purpose}", self.trials[which], self.sample, shape)
+
+    def generators(self, purpose: str, which: NDArray[np.intp]) -> NDArray[np.uint64]:
+        """Return the states (len(which), 4) of the generators from which `normal` draws."""
+        return generators(self.seed, f"{self.name}:{purpose}", self.trials[which], self.sample)
 
     def uniform(self, purpose: str, which: NDArray[np.intp], size: int) -> Array:
         """Return numbers in (0, 1), shape (len(which), size)."""

@@ -14,7 +14,15 @@ __all__ = ["propagate"]
 Array = NDArray[np.float64]
 
 
-def propagate(motion: MotionModel, mean: Array, cloud: Array, dt: float, root: Array, white: Array, out: Array) -> None:
+def propagate(
+    motion: MotionModel,
+    mean: Array,
+    cloud: Array,
+    dt: float,
+    root: Array,
+    white: Array | NDArray[np.uint64],
+    out: Array,
+) -> None:
     """Write the cloud `dt` seconds later, shaken by process noise.
 
     Parameters
@@ -27,8 +35,8 @@ def propagate(motion: MotionModel, mean: Array, cloud: Array, dt: float, root: A
         Before and after; they share no memory.
     root : ndarray, shape (n, r) or (trials, n, r)
         Square root of the covariance of the noise.
-    white : ndarray, shape (trials, r, N)
-        Standard normal.
+    white : ndarray, shape (trials, r, N) or, of uint64, (trials, 4)
+        Standard normal, or the states of the generators from which it is drawn.
     """
     step = motion.equations(dt) if are_own(type(motion)) else None
     if step is not None:

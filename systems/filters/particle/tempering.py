@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.systems.kernels.particles.staging import Shares, exponents
 from quietfix.systems.linear_algebra import dot
 
 __all__ = ["conditional_share", "next_exponent"]
 
 Array = NDArray[np.float64]
-
-_SMALLEST = 25.0  # no step is smaller than e^-25 of what remains: such a likelihood is sharper than a double can be
-_EVALUATIONS = 7  # leave the effective share within some percent above what is asked for
 
 
 def conditional_share(weight: Array, log_likelihood: Array, exponent: Array) -> Array:
@@ -61,32 +59,5 @@ def next_exponent(weight: Array, log_likelihood: Array, remaining: Array, share:
     ndarray, shape (trials,)
         Exactly `remaining` where that keeps the share.
     """
-    scaled = log_likelihood - log_likelihood.max(axis=-1, keepdims=True)
-    chosen = remaining.copy()
-    whole = conditional_share(weight, scaled, remaining)
-    short = np.flatnonzero(whole < share)
-    if short.size == 0:
-        return chosen
-    if short.size < len(chosen):
-        weight, scaled = weight[short], scaled[short]
-
-    def surplus(logarithm: Array) -> Array:
-        return np.log(conditional_share(weight, scaled, np.exp(logarithm)) / share)
-
-    high, over_high = np.log(remaining[short]), np.log(whole[short] / share)
-    low, over_low = high - _SMALLEST, np.full(short.size, -np.log(share))
-    # For small exponents the share is exp(-exponent^2 variance); without -inf, which a particle may have.
-    bounded = np.maximum(scaled, -1e12)
-    mean = dot(weight, bounded)
-    variance = dot(weight * bounded, bounded) - mean**2
-    guess = 0.5 * np.log(-np.log(share) / np.maximum(variance, 1e-300))
-    guess = np.clip(guess, low + 1.0, high - 0.1)
-    for _ in range(_EVALUATIONS):
-        over = surplus(guess)
-        enough = over >= 0
-        # Illinois: the end that stays counts half, so that both ends move
-        over_high, over_low = np.where(enough, 0.5 * over_high, over), np.where(enough, over, 0.5 * over_low)
-        low, high = np.where(enough, guess, low), np.where(enough, high, guess)
-        guess = low + (high - low) * over_low / np.maximum(over_low - over_high, 1e-300)
-    chosen[short] = np.exp(low)
-    return chosen
+    shares = Shares(weight, np.zeros(len(weight), dtype=bool), np.zeros(len(weight)))
+    return exponents(log_likelihood, log_likelihood.max(axis=-1), shares, remaining, share)

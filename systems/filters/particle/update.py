@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.filters.particle.draws import Draws
-from quietfix.systems.filters.particle.kernel import bandwidth, lost_spread, shrunk_kernel
+from quietfix.systems.filters.particle.kernel import bandwidth, lost_spread
 from quietfix.systems.filters.particle.likelihood import Likelihood
-from quietfix.systems.filters.particle.resampling import SCHEMES, parents
-from quietfix.systems.filters.particle.tempering import next_exponent
-from quietfix.systems.filters.particle.weights import effective_size, moments, normalise
-from quietfix.systems.kernels.particles.calls import gather
+from quietfix.systems.filters.particle.resampling import SCHEMES
+from quietfix.systems.filters.particle.weights import definite
+from quietfix.systems.kernels.particles.calls import Look
+from quietfix.systems.kernels.particles.staging import Shares, carried, exponents, prior_shares, renewed, staged
 from quietfix.systems.linear_algebra import cholesky
 
 __all__ = ["Cloud", "ParticleUpdate", "Updated"]
@@ -57,6 +57,8 @@ class Updated(NamedTuple):
         Effective sample size there.
     log_evidence : ndarray, shape (trials,)
         Logarithm of the predictive likelihood of the whitened measurement, without its constant.
+    residual : ndarray, shape (trials, m)
+        Mean residual of the predicted cloud.
     innovation : ndarray, shape (trials, m)
         Whitened mean residual of the predicted cloud.
     spread : ndarray, shape (trials, m, m)
@@ -70,6 +72,7 @@ class Updated(NamedTuple):
     covariance: Array
     effective: Array
     log_evidence: Array
+    residual: Array
     innovation: Array
     spread: Array
     stages: Array
@@ -118,48 +121,47 @@ class ParticleUpdate:
     def resample(
         self,
         cloud: Cloud,
+        which: Index,
         weight: Array,
         mean: Array,
         covariance: Array,
+        effective: Array,
         draws: Draws,
-        which: Index,
         stage: int,
-        out: Cloud | None = None,
-    ) -> Cloud:
-        """Return clouds of equal weights; arguments are those of the trials `which` alone.
+        out: Cloud,
+    ) -> None:
+        """Put clouds of equal weights in the place of those of some trials.
 
         Parameters
         ----------
         cloud : Cloud
-            Its weights are not read.
-        weight : ndarray, shape (trials, N)
-            Weights to be used instead; they sum to 1.
-        mean, covariance : ndarray, shapes (trials, n) and (trials, n, n)
-            Moments of the weighted cloud.
+            Of all trials; its weights are not read.
+        which : ndarray of int, shape (k,)
+            Which trials.
+        weight : ndarray, shape (k, N)
+            Their weights, which sum to 1.
+        mean, covariance : ndarray, shapes (k, n) and (k, n, n)
+            Moments of the weighted clouds.
+        effective : ndarray, shape (k,)
+            Their effective sample sizes.
         draws : Draws
             Random numbers of all trials.
-        which : ndarray of int
-            Which of those trials these are.
         stage : int
             How many resamplings there were at this instant.
-        out : Cloud, optional
-            Where the result is put.
+        out : Cloud
+            Where the result is put, of all trials; it may be the cloud itself.
         """
         _, n, count = cloud.particles.shape
         scheme = SCHEMES[self.scheme]
-        uniform = draws.uniform(f"resample:{stage}", which, 1 if scheme.one_number else count)
-        chosen = parents(scheme.counts(weight, uniform))
-        fresh = Cloud(*(np.empty_like(array) for array in cloud)) if out is None else out
-        fresh.log_weight[...] = 0.0
-        if not self.kernel:
-            gather(cloud.particles, cloud.ancestor, chosen, fresh.particles, fresh.ancestor)
-            return fresh
-        kept = np.empty_like(cloud.particles)
-        gather(cloud.particles, cloud.ancestor, chosen, kept, fresh.ancestor)
-        white = draws.normal(f"kernel:{stage}", which, (n, count))
-        widening = lost_spread(effective_size(weight))
-        shrunk_kernel(kept, mean, cholesky(covariance), white, bandwidth(n, count), widening, fresh.particles)
-        return fresh
+        points = draws.uniform(f"resample:{stage}", which, 1 if scheme.one_number else count)
+        drawn = None
+        if self.kernel:
+            width, states = bandwidth(n, count), draws.generators(f"kernel:{stage}", which)
+            root = np.sqrt(width**2 + lost_spread(effective))[:, None, None] * cholesky(covariance)
+            drawn = mean, root, math.sqrt(1 - width**2), states
+        taken = points if scheme.one_number else scheme.counts(weight, points)
+        into = out.particles, out.ancestor, out.log_weight
+        renewed((cloud.particles, cloud.ancestor), which, weight, taken, drawn, into)
 
     def __call__(
         self, cloud: Cloud, likelihood: Likelihood, residual: Array, draws: Draws, out: Cloud | None = None
@@ -174,7 +176,7 @@ class ParticleUpdate:
             Prior, finite.
         likelihood : Likelihood
             Of what was measured.
-        residual : ndarray, shape (trials, N, m)
+        residual : ndarray, shape (trials, m, N)
             Of the prior cloud.
         draws : Draws
             Random numbers of these trials.
@@ -183,73 +185,57 @@ class ParticleUpdate:
         """
         trials, _, count = cloud.particles.shape
         active, remaining, stage = np.arange(trials), np.ones(trials), 0
-        log_likelihood, white = likelihood(cloud.particles, active, residual)
-        # The bootstrap filter has no weights here. (Others may have in some trials and not in others, and a
-        # trial's rounding must not depend on its neighbours.)
-        equal = self.share is None and math.isinf(self.threshold) and not cloud.log_weight.any()
-        prior_weight, before = (None, math.log(count)) if equal else normalise(cloud.log_weight)
-        innovation, spread = moments(white.swapaxes(1, 2), prior_weight)
-        done = _not_yet(cloud, innovation, spread + np.eye(white.shape[-1]), out)
-        del white
+        shares = prior_shares(cloud.log_weight)
+        seen = likelihood.look(residual, shares)
+        done, logarithm, highest = _not_yet(cloud, seen, out), seen.logarithm, seen.highest
         while active.size:
             if stage:
-                log_likelihood, _ = likelihood(cloud.particles, active)
-                prior_weight, before = None, math.log(count)
-            hopeless = ~np.isfinite(log_likelihood.max(axis=-1))
+                logarithm, highest = likelihood(done.cloud.particles, active)
+                shares = shares.all_alike().rows(active)
+            hopeless = highest == -math.inf
             if hopeless.any():  # no particle can explain it: nothing is learned but that
-                log_likelihood = np.where(hopeless[:, None], 0.0, log_likelihood)
+                logarithm[hopeless], highest[hopeless] = 0.0, 0.0
                 done.log_evidence[active[hopeless]] = -math.inf
-            step = self._exponent(log_likelihood, prior_weight, remaining, stage)
-            log_weight = cloud.log_weight + step[:, None] * log_likelihood
-            weight, log_sum = normalise(log_weight)
-            done.log_evidence[active] += log_sum - before
-            mean, covariance = moments(cloud.particles, weight)
-            effective = effective_size(weight)
+            step = self._exponent(logarithm, highest, shares, remaining, stage)
+            now = staged(cloud.particles, cloud.log_weight, active, shares.alike, logarithm, step)
+            covariance = definite(now.covariance)
+            done.log_evidence[active] += now.log_sum - shares.log_sum
+            done.mean[active], done.covariance[active] = now.mean, covariance
+            done.effective[active] = now.effective
+            done.stages[active] += 1
 
             last = step >= remaining
-            again = ~last | (effective < self.threshold * count)
-            self._finish(done.cloud, active, last & ~again, Cloud(cloud.particles, log_weight, cloud.ancestor))
-            for array, value in ((done.mean, mean), (done.covariance, covariance), (done.effective, effective)):
-                array[active] = value
-            done.stages[active] += 1
+            again = ~last | (now.effective < self.threshold * count)
+            self._finish(done.cloud, active[~again], cloud, now.log_weight[~again] if not again.all() else None)
             rows = np.flatnonzero(again)
-            if rows.size == 0:
-                break
-            if rows.size < active.size:
-                cloud, weight, mean, covariance = cloud.rows(rows), weight[rows], mean[rows], covariance[rows]
-                last, step, remaining, active = last[rows], step[rows], remaining[rows], active[rows]
-            into = done.cloud if last.all() and active.size == trials else None
-            cloud = self.resample(cloud, weight, mean, covariance, draws, active, stage, into)
-            if into is None:
-                self._finish(done.cloud, active, last, cloud)
-            rows = np.flatnonzero(~last)
-            active, remaining = active[rows], (remaining - step)[rows]
-            if rows.size < last.size:
-                cloud = cloud.rows(rows)
+            if rows.size:
+                some = (now.weight, now.mean, covariance, now.effective)
+                if rows.size < active.size:
+                    some = (some[0][rows], some[1][rows], some[2][rows], some[3][rows])
+                self.resample(cloud, active[rows], *some, draws, stage, done.cloud)
+            left = np.flatnonzero(~last)
+            active, remaining = active[left], (remaining - step)[left]
+            cloud = done.cloud
             stage += 1
         return done
 
-    def _exponent(self, log_likelihood: Array, weight: Array | None, remaining: Array, stage: int) -> Array:
-        """Return the power of the likelihood that each trial takes in this stage; `weight` None: all the same."""
+    def _exponent(self, logarithm: Array, highest: Array, shares: Shares, remaining: Array, stage: int) -> Array:
+        """Return the power of the likelihood that each trial takes in this stage."""
         if self.share is None or stage >= self.max_stages - 1:
             return remaining
-        flat = np.full(log_likelihood.shape, 1 / log_likelihood.shape[-1]) if weight is None else weight
-        return next_exponent(flat, log_likelihood, remaining, self.share)
+        return exponents(logarithm, highest, shares, remaining, self.share)
 
     @staticmethod
-    def _finish(done: Cloud, active: Index, last: NDArray[np.bool_], cloud: Cloud) -> None:
-        """Put the clouds of those trials of `active` that are at their last stage where they belong."""
-        if not last.any():
+    def _finish(done: Cloud, which: Index, cloud: Cloud, log_weight: Array | None) -> None:
+        """Put the clouds of trials that are not resampled after their last stage where they belong."""
+        if log_weight is None:
             return
-        whole = last.all() and active.size == len(done.particles)  # a slice is copied faster than rows are
-        for array, value in zip(done, cloud, strict=True):
-            if whole:
-                array[...] = value
-            else:
-                array[active[last]] = value[last]
+        done.log_weight[which] = log_weight
+        if cloud is not done:
+            carried((cloud.particles, cloud.ancestor), which, (done.particles, done.ancestor))
 
 
-def _not_yet(cloud: Cloud, innovation: Array, spread: Array, out: Cloud | None) -> Updated:
+def _not_yet(cloud: Cloud, seen: Look, out: Cloud | None) -> Updated:
     """Return an update to be filled in, trial by trial."""
     trials, n, _ = cloud.particles.shape
     return Updated(
@@ -258,7 +244,8 @@ def _not_yet(cloud: Cloud, innovation: Array, spread: Array, out: Cloud | None) 
         covariance=np.empty((trials, n, n)),
         effective=np.empty(trials),
         log_evidence=np.zeros(trials),
-        innovation=innovation,
-        spread=spread,
+        residual=seen.residual,
+        innovation=seen.innovation,
+        spread=definite(seen.spread) + np.eye(seen.spread.shape[-1]),
         stages=np.zeros(trials),
     )

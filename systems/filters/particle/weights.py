@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from quietfix.systems.kernels.particles.calls import weighted_moments
 from quietfix.systems.linear_algebra import dot
 
-__all__ = ["effective_size", "moments", "normalise", "unique_sorted"]
+__all__ = ["definite", "effective_size", "moments", "normalise", "unique_sorted"]
 
 Array = NDArray[np.float64]
 
@@ -61,9 +61,14 @@ def moments(cloud: Array, weight: Array | None) -> tuple[Array, Array]:
     The covariance is positive definite, also where the cloud has collapsed. Without weights all count the same.
     """
     mean, covariance = weighted_moments(cloud, weight)
+    return mean, definite(covariance)
+
+
+def definite(covariance: Array) -> Array:
+    """Make covariances (trials, n, n) of clouds positive definite, also of those that have collapsed; return them."""
     variance = np.einsum("...ii->...i", covariance)
     variance += _JITTER * variance + _TINY
-    return mean, covariance
+    return covariance
 
 
 def unique_sorted(rising: Array) -> Array:

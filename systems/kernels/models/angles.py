@@ -7,6 +7,7 @@ from typing import Any
 
 from quietfix.systems.kernels.calling import kernel
 from quietfix.systems.kernels.compiling import inlined
+from quietfix.systems.kernels.models.arctangent import angle
 from quietfix.systems.kernels.models.sight import line_of_sight, nadir_axes
 from quietfix.systems.kernels.models.states import vertical
 
@@ -16,9 +17,9 @@ __all__ = ["bearing", "direction", "direction_cosines", "horizon_bearing"]
 @inlined
 def _angles(x: float, y: float, z: float, value: Any) -> None:
     """Write the azimuth of an offset and, where there is room, its elevation; NaN for one that has no azimuth."""
-    value[0] = math.nan if x == 0.0 and y == 0.0 else math.atan2(y, x)
+    value[0] = math.nan if x == 0.0 and y == 0.0 else angle(y, x)
     if value.shape[0] > 1:
-        value[1] = math.atan2(z, math.hypot(x, y))
+        value[1] = angle(z, math.sqrt(x * x + y * y))
 
 
 @inlined
@@ -75,8 +76,8 @@ def direction(state: Any, platforms: Any, parameters: Any, value: Any, jacobian:
     x, y, z = ax * u + ay * v + az * w, bx * u + by * v + bz * w, cx * u + cy * v + cz * w
     square = x * x + y * y
     ground = math.sqrt(square)
-    value[0] = math.nan if square == 0.0 else math.atan2(y, x)
-    value[1] = math.atan2(z, ground)
+    value[0] = math.nan if square == 0.0 else angle(y, x)
+    value[1] = angle(z, ground)
     if jacobian.shape[0] > 0:
         level, steep = square * distance, z / ground
         jacobian[0, 0] = (x * bx - y * ax) / level

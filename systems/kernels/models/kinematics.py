@@ -7,6 +7,7 @@ from typing import Any
 
 from quietfix.systems.kernels.calling import kernel
 from quietfix.systems.kernels.compiling import inlined
+from quietfix.systems.kernels.models.arctangent import angle
 from quietfix.systems.kernels.models.gravity import gradient, pull
 
 __all__ = ["relative_kinematics"]
@@ -52,9 +53,9 @@ def relative_kinematics(state: Any, platforms: Any, parameters: Any, value: Any,
     for k in range(value.shape[0]):
         row = int(parameters[3 + k])
         if row == 0:
-            _write(k, value, jacobian, math.atan2(x[1], x[0]), by_level, zero)
+            _write(k, value, jacobian, angle(x[1], x[0]), by_level, zero)
         elif row == 1:
-            _write(k, value, jacobian, math.atan2(x[2], level), by_range, zero)
+            _write(k, value, jacobian, angle(x[2], level), by_range, zero)
         elif row == 2:
             # the derivative of grad(beta) . w with respect to the position is the rate of grad(beta) along w
             spread = speed * ce - r * se * elevation_rate

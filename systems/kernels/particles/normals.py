@@ -13,7 +13,7 @@ from numba.np.random._constants import fi_double, ki_double, wi_double, ziggurat
 
 from quietfix.systems.kernels.compiling import compiled, inlined
 
-__all__ = ["fill"]
+__all__ = ["draw", "fill"]
 
 _WORD = np.uint64
 _ULP = 1.0 / 9007199254740992.0
@@ -21,6 +21,12 @@ _ULP = 1.0 / 9007199254740992.0
 
 @compiled("void(uint64[::1],float64[::1])")
 def fill(state: Any, out: Any) -> None:
+    """See `draw`."""
+    draw(state, out)
+
+
+@inlined
+def draw(state: Any, out: Any) -> None:
     """Write what ``numpy.random.Generator(SFC64).standard_normal`` draws from this state (4,), which moves on.
 
     The ziggurat of Marsaglia and Tsang, J. Statistical Software 5 (2000) 8, with NumPy's tables; the generator is
