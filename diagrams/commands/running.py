@@ -20,6 +20,7 @@ from quietfix.diagrams.studies.output import Finished, OutputFolder
 from quietfix.diagrams.studies.recordings import only_simulated, with_data, with_measurements, with_platforms
 from quietfix.diagrams.studies.rerun import ask_again, ask_as
 from quietfix.diagrams.studies.results import open_result, write_summary
+from quietfix.diagrams.tables.biases import bias_table
 from quietfix.diagrams.tables.summary import summary_notes, summary_table
 
 if TYPE_CHECKING:
@@ -183,6 +184,8 @@ def _print_all(dataset: xr.Dataset, estimators: Mapping[str, Any], report: Repor
 def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
     """Print a table of a study: one row per estimator."""
     print_table(summary_table(dataset, estimators))
+    if (biases := bias_table(estimators)) is not None:
+        print_table(biases)
     for line in summary_notes(dataset, estimators):
         say(line)
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from quietfix.diagrams.quantities.frame import UNITS
 from quietfix.diagrams.statistics.consistency import nees_statistics, nis_statistics
-from quietfix.diagrams.statistics.epochs import along
+from quietfix.diagrams.statistics.epochs import along, from_the_end
 from quietfix.diagrams.statistics.json_numbers import json_numbers
 from quietfix.diagrams.statistics.lost import diverged, not_started
 from quietfix.diagrams.statistics.quantiles import median, percentile
@@ -126,10 +126,37 @@ def summarise(dataset: xr.Dataset, ensemble: Ensemble | None = None) -> dict[str
     known = ensemble or Ensemble(dataset)
     nees, nis = nees_statistics(known.dataset, sums=known.sums), nis_statistics(known.dataset, sums=known.sums)
     numbers = xr.merge([nees[["mean"]].rename(mean="nees"), nis[["mean", "dof_mean"]]])
+    biases = _biases(dataset)
     return {
-        str(name): _summarise_one(known, i, numbers.isel(estimator=i), tracks)
+        str(name): _summarise_one(known, i, numbers.isel(estimator=i), tracks) | biases.get(str(name), {})
         for i, name in enumerate(dataset["estimator"].values)
     }
+
+
+def _biases(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """Return by estimator ``biases``: what it has made of each that it estimates, at the end, in SI units.
+
+    Mean and standard deviation over the trials, and the standard deviation that it states, root mean square.
+    """
+    if "bias_estimate" not in dataset:
+        return {}
+    last = from_the_end(dataset[["bias_estimate", "bias_sigma"]]).isel(time=-1).load()
+    units = [str(unit) for unit in dataset["bias_row_units"].values]
+    found: dict[str, dict[str, Any]] = {}
+    for name in dataset["estimator"].values:
+        one, told = last.sel(estimator=name), dataset["bias_estimated"].sel(estimator=name).values
+        value, sigma = (one[key].transpose("trial", "bias_row").values for key in ("bias_estimate", "bias_sigma"))
+        own = {}
+        for k in np.flatnonzero(told):
+            known = np.isfinite(value[:, k]) & np.isfinite(sigma[:, k])
+            mean, spread = (float(of(value[known, k])) if known.any() else math.nan for of in (np.mean, np.std))
+            stated = float(np.sqrt(np.mean(sigma[known, k] ** 2))) if known.any() else math.nan
+            numbers = {"mean": mean, "spread": spread, "sigma": stated}
+            own[str(one["bias_row"].values[k])] = {"unit": units[k]} | {
+                key: json_numbers(np.asarray(number)) for key, number in numbers.items()
+            }
+        found |= {str(name): {"biases": own}} if own else {}
+    return found
 
 
 def _summarise_one(known: Ensemble, i: int, consistency: xr.Dataset, tracks: bool) -> dict[str, Any]:

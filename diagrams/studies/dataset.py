@@ -13,13 +13,18 @@ from quietfix.diagrams.assembly.build import Assembly
 from quietfix.diagrams.quantities.states import POSITION, VELOCITY, columns, shared
 from quietfix.diagrams.studies.described import UNKNOWN
 from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.shown import Shown
 from quietfix.systems.signals import Component, EnsembleBlock, components_of
 
-__all__ = ["Shape", "states_of"]
+__all__ = ["BIAS_PORTS", "Shape", "states_of"]
 
 Array = NDArray[np.float64]
 Coordinates = dict[str, Any]
 
+BIAS_PORTS = ("biases", "bias_sigmas")
+"""Ports of estimators that know of biases; they are always kept."""
+
+_BIASES = dict(zip(BIAS_PORTS, ("bias_estimate", "bias_sigma"), strict=True))
 _BY_STATE = ("estimator", "trial", "time", "state")
 
 
@@ -49,6 +54,8 @@ class Shape:
         self._platforms = wired.platform_names
         self._places = [columns(self._states, block.motion.reported.names) for block in self._blocks]
         self._rows = [_distinct(components_of(block.model)) for block in self._blocks]
+        # of each estimator: the biases that stand behind its state, and whether they are estimated
+        self._biases = [dict(_biases_of(block)) for block in self._blocks]
         # estimators that use other rows have them at the same place by their names
         self._innovations = list({row.name: row for rows in self._rows for row in rows}.values())
 
@@ -104,6 +111,7 @@ class Shape:
             "truth": self._of_trials("truth", self._truth(signals, count), ("time", "state")),
             "estimate": (_BY_STATE, self._by_state("estimate", signals, count)),
             **{port: (_BY_STATE[:3], self._numbers(port, signals, count)) for port in ("nees", "nis", "nis_dof")},
+            **self._of_biases(signals, count),
             "platforms": self._of_trials(
                 "platforms", states_of(signals["platforms"], count), ("time", "platform", "coordinate")
             ),
@@ -127,6 +135,7 @@ class Shape:
                 [[state in motion.names for state in self._states] for motion in motions],
             ),
             "causal": ("estimator", [block.causal for block in self._blocks]),
+            **self._bias_names(),
             "platform": list(self._platforms),
             **_named("coordinate", [Component(*axis) for axis in axes]),
         }
@@ -140,7 +149,27 @@ class Shape:
         units = self._wired.row_units
         return [Component(name, units.get(name, "")) for name in named]
 
+    def _bias_names(self) -> Coordinates:
+        every = list(dict.fromkeys(one for own in self._biases for one in own))
+        if not every:
+            return {}
+        estimated = [[own.get(one, False) for one in every] for own in self._biases]
+        return {**_named("bias_row", every), "bias_estimated": (("estimator", "bias_row"), estimated)}
+
     # ---- values
+
+    def _of_biases(self, signals: Mapping[str, Array], count: int) -> dict[str, Any]:
+        """Return means and standard deviations of the biases; NaN where an estimator has none of that name."""
+        every = list(dict.fromkeys(one for own in self._biases for one in own))
+        if not every:
+            return {}
+        found = {
+            name: np.full((len(self._blocks), count, len(signals["truth"]), len(every)), np.nan) for name in _BIASES
+        }
+        for i, (name, own) in enumerate(zip(self._wired.estimators, self._biases, strict=True)):
+            for port, whole in found.items() if own else ():
+                whole[i][..., [every.index(one) for one in own]] = signals[f"{name}/{port}"].swapaxes(0, 1)[:count]
+        return {_BIASES[port]: ((*_BY_STATE[:3], "bias_row"), whole) for port, whole in found.items()}
 
     def _of_trials(self, signal: str, log: Array, dims: Sequence[str]) -> tuple[tuple[str, ...], Array]:
         """Return dimensions and values of a log (trials or 1, time, ...): the trials left out where all share it."""
@@ -187,6 +216,12 @@ class Shape:
             here = np.arange(size)[self._places[i]]
             square[i][..., here[:, None], here] = log.reshape(count, epochs, here.size, here.size)
         return square
+
+
+def _biases_of(block: Estimator) -> list[tuple[Component, bool]]:
+    """Return the biases behind an estimator's state, and of each whether it is estimated."""
+    motion, shown = block.motion, Shown(block.motion)
+    return [(one, shown.size + i not in motion.considered) for i, one in enumerate(shown.biases)]
 
 
 def _named(dimension: str, components: Sequence[Component]) -> Coordinates:

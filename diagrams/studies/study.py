@@ -32,7 +32,7 @@ from quietfix.diagrams.schema.scenario import dump
 from quietfix.diagrams.smoothing.looking_back import look_back
 from quietfix.diagrams.statistics.bounds import StudyBounds
 from quietfix.diagrams.statistics.score import Score
-from quietfix.diagrams.studies.dataset import Shape, states_of
+from quietfix.diagrams.studies.dataset import BIAS_PORTS, Shape, states_of
 from quietfix.diagrams.studies.described import described
 from quietfix.diagrams.studies.request import (
     KEEP,
@@ -200,7 +200,7 @@ class Study:
         """Return the ports to record by name, and their shapes."""
         ports = wired.course
         for name, estimator in wired.estimators.items():
-            wanted = ["estimate", "nis", "nis_dof"]
+            wanted = ["estimate", "nis", "nis_dof", *(port for port in BIAS_PORTS if estimator.HasOutputPort(port))]
             wanted += [port for port in ("covariance", "innovation", "prediction") if self._keeps(port)]
             ports |= {f"{name}/{port}": estimator.GetOutputPort(port) for port in wanted}
         if scores is not None:

@@ -39,6 +39,13 @@ class ConsideredStates(WrappingFilter):
     of which x is kept: the gain is that of the last linearisation, which knows c. Where the gain is not the optimal one
     (a modified gain), the covariance of x and c is as that filter leaves it.
 
+    Notes
+    -----
+    What is learnt of c at an epoch is put back, so that a filter that linearises anew at each posterior (the iterated
+    one) sees the same rows from places that differ by more than they would otherwise, and gains what nobody measured:
+    with station residuals of ten sigma in `beacon_rocket` its NEES is 3.2 per state, of the extended filter 1.3, of the
+    unscented one 1.1. In `three_satellite` all are as without biases.
+
     Parameters
     ----------
     algorithm : GaussianFilter
