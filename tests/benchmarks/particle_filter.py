@@ -45,7 +45,7 @@ __all__ = ["Measurement", "Run", "Scene", "block_run", "bootstrap", "compare", "
 Array = NDArray[np.float64]
 
 _EPOCH = datetime.datetime(2024, 1, 1)
-_THRESHOLDS = {"pf_sir": Threshold(3.0, at_least=True), "pf": Threshold(1.5, at_least=True)}
+_THRESHOLDS = {"pf_sir": Threshold(6.0, at_least=True), "pf": Threshold(4.0, at_least=True)}
 
 
 @dataclass(frozen=True)
