@@ -31,6 +31,7 @@ CHUNKS = ".quietfix-chunks"
 _PLAN = "plan.json"
 _TALLY = "tally_"
 _NAME = re.compile(r"(plan\.json|\d+\.npz)(\.\d+)?")
+_ALSO = "also/"
 OWN = re.compile(rf"{re.escape(CHUNKS)}/({_NAME.pattern})?")
 """Names of what it holds, and of itself where it is empty."""
 
@@ -64,16 +65,28 @@ class Ledger:
         self._write(_PLAN, self.plan.text().encode())
 
     def record(self, part: Part, files: Mapping[str, str]) -> None:
-        """Say that a chunk is finished: its part of all sums, and the fingerprints of its files by name."""
-        beside = self._folder / f"{part.number}.npz.{os.getpid()}"
-        sums = np.zeros(0) if part.sums is None else part.sums
-        tally: dict[str, Any] = {f"{_TALLY}{name}": values for name, values in part.tally.items()}
+        """Say that a chunk is finished: its part of the sums, and the fingerprints of its files by name."""
+        tally = {f"{_TALLY}{name}": values for name, values in part.tally.items()}
+        self.keep(part.number, part.sums, files, part.also, tally)
+
+    def keep(
+        self,
+        number: int,
+        sums: Array | None,
+        files: Mapping[str, str],
+        also: Mapping[str, NDArray[Any]],
+        tally: Mapping[str, Array] | None = None,
+    ) -> None:
+        """Say the same of a chunk by its number, and keep `also` that of it."""
+        beside = self._folder / f"{number}.npz.{os.getpid()}"
+        entry: dict[str, Any] = {f"{_ALSO}{name}": values for name, values in also.items()}
+        entry |= {**(tally or {}), "sums": np.zeros(0) if sums is None else sums, "files": json.dumps(dict(files))}
         try:
             with beside.open("wb") as stream:
-                np.savez(stream, sums=sums, files=json.dumps(dict(files)), **tally)
+                np.savez(stream, **entry)
                 stream.flush()
                 os.fsync(stream.fileno())
-            beside.replace(self._folder / f"{part.number}.npz")
+            beside.replace(self._folder / f"{number}.npz")
         except BaseException:
             beside.unlink(missing_ok=True)
             raise
@@ -99,8 +112,17 @@ class Ledger:
     def sums(self) -> Iterator[Array | None]:
         """Yield the sums of the recorded chunks in their order."""
         for number in self.finished():
-            sums, _ = self._entry(number)
-            yield sums if sums.size else None
+            yield self.sum_of(number)
+
+    def sum_of(self, number: int) -> Array | None:
+        """Return a finished chunk's part of the sums."""
+        sums, _ = self._entry(number)
+        return sums if sums.size else None
+
+    def kept(self, number: int) -> dict[str, NDArray[Any]]:
+        """Return what else is kept of a finished chunk."""
+        with np.load(self._folder / f"{number}.npz", allow_pickle=False) as entry:
+            return {name.removeprefix(_ALSO): entry[name] for name in entry.files if name.startswith(_ALSO)}
 
     def tallies(self) -> Iterator[dict[str, Array]]:
         """Yield the sums of errors, NEES and NIS of the recorded chunks in their order, see `Part.tally`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -32,6 +33,8 @@ class Part:
         Warnings of a process that cannot print them itself.
     tally : mapping of str to ndarray
         Its part of the sums of errors, NEES and NIS, see `quietfix.diagrams.statistics.tally.Tally`; empty: not known.
+    also : mapping of str to ndarray
+        Little that is kept beside the sums: what a chunk has cost, or all that is made of it.
     """
 
     number: int
@@ -40,6 +43,7 @@ class Part:
     sums: Array | None = None
     told: tuple[str, ...] = ()
     tally: Mapping[str, Array] = field(default_factory=dict)
+    also: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     @property
     def end(self) -> int:

@@ -70,12 +70,13 @@ class Plan:
         UserError
             Naming the first field that differs, its value here and there.
         """
-        mine, its = ({"trials": plan.trials, **plan.asked, "chunk": plan.chunk} for plan in (self, other))
+        mine, its = ({"trials": p.trials, **p.asked, "chunk": p.asked.get("chunk", p.chunk)} for p in (self, other))
         for key, was, now in differences(mine, its):
             raise UserError(f"{option}: {key}: {now} is not allowed; {words} has {was}")
 
 
 _NONE = object()
+_TEXTS = ("scenario", "requirements")  # YAML of which the field is named
 
 
 def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
@@ -87,8 +88,8 @@ def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator
         was, now = before.get(key, _NONE), after.get(key, _NONE)
         if was == now:
             continue
-        if key == "scenario" and isinstance(was, str) and isinstance(now, str):
-            yield from _within("", read_yaml(was), read_yaml(now))
+        if key.split(": ")[-1] in _TEXTS and isinstance(was, str) and isinstance(now, str):
+            yield from _within(key.rpartition("scenario")[0], read_yaml(was), read_yaml(now))
         yield key, _shown(was), _shown(now)
 
 
@@ -96,7 +97,11 @@ def _within(path: str, was: Any, now: Any) -> Iterator[tuple[str, str, str]]:
     """Yield the same of two scenarios, by dotted keys."""
     if isinstance(was, Mapping) and isinstance(now, Mapping):
         for key in [*was, *(key for key in now if key not in was)]:
-            yield from _within(f"{path}.{key}" if path else str(key), was.get(key, _NONE), now.get(key, _NONE))
+            where = f"{path}{key}" if path[-1:] in ("", " ") else f"{path}.{key}"
+            yield from _within(where, was.get(key, _NONE), now.get(key, _NONE))
+    elif isinstance(was, list) and isinstance(now, list) and len(was) == len(now):
+        for k, pair in enumerate(zip(was, now, strict=True)):
+            yield from _within(f"{path}.{k}", *pair)
     elif was is not now and was != now:
         yield path, _shown(was), _shown(now)
 

@@ -11,6 +11,7 @@ from quietfix.diagrams.commands.judging.options import compare, sweep, verify
 from quietfix.diagrams.commands.replay_help import ReplayHelp
 from quietfix.diagrams.commands.results.options import diff, export, inspect, plot
 from quietfix.diagrams.console.arguments import (
+    AGAIN,
     CHUNK,
     DATA,
     ESTIMATOR,
@@ -316,6 +317,7 @@ def replay(
     ] = None,
     platforms: Annotated[Path | None, PLATFORMS] = None,
     write_measurements: Annotated[bool, WRITE_MEASUREMENTS] = False,
+    resume: Annotated[Path | None, AGAIN] = None,
     rate: Annotated[str | None, RATE] = None,
     type_: Annotated[str | None, TYPE] = None,
     smooth: Annotated[bool, SMOOTH] = False,
@@ -325,7 +327,7 @@ def replay(
 
     raw = [f"raw.{key}={value}" for key, value in (("rate_hz", rate), ("type", type_)) if value is not None]
     chosen, smoothed = [*raw, *(settings or ())], with_smoothers(estimators, smooth)
-    run_recording(dataset, data, out, True, file, chosen, smoothed, overwrite, platforms, write_measurements)
+    run_recording(dataset, data, out, True, file, chosen, smoothed, overwrite, platforms, write_measurements, resume)
 
 
 app.command()(compare)

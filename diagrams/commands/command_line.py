@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import typer
 from typer.exceptions import TyperException
@@ -12,6 +12,27 @@ from typer.exceptions import TyperException
 from quietfix.diagrams.commands.app import app
 
 __all__ = ["app", "main"]
+
+_STUDIES = ("run", "compare", "sweep", "verify", "replay")
+"""Commands that use xarray."""
+
+
+def _leave_dask_out() -> None:
+    """Let xarray find out now that there is no dask, which it would import wherever it is installed.
+
+    Nothing here has arrays of dask: it would take time and memory. Who asks for workers, or a user's own class, can
+    import it as ever.
+    """
+    if "dask" in sys.modules or "xarray" in sys.modules:
+        return
+    modules: dict[str, Any] = sys.modules
+    modules["dask"] = None
+    try:
+        import xarray
+
+        xarray.Variable((), 0.0)  # it looks for dask when it makes the first one
+    finally:
+        del modules["dask"]
 
 
 def _leave_the_pipe() -> NoReturn:
@@ -27,7 +48,10 @@ def main(arguments: list[str] | None = None) -> None:
     formatwarning, warnings.formatwarning = warnings.formatwarning, _format_warning
     sys.path.append("")  # a user's own class may lie in the folder where the command is given
     try:
-        _check_encoding(sys.argv[1:] if arguments is None else arguments)
+        given = sys.argv[1:] if arguments is None else arguments
+        _check_encoding(given)
+        if given[:1] and given[0] in _STUDIES and not {"-h", "--help"} & set(given):
+            _leave_dask_out()
         status = app(args=arguments, standalone_mode=False, prog_name="quietfix")
         sys.stdout.flush()
     except UserError as error:

@@ -26,6 +26,7 @@ def replay(
     overwrite: bool = False,
     platforms: Path | str | None = None,
     write_measurements: bool = False,
+    resume: Path | str | None = None,
 ) -> Report | None:
     """Run a recording as ``quietfix run`` does, print its tables and, if asked, write its results.
 
@@ -51,6 +52,8 @@ def replay(
         Where receivers stand, a table, of a recording that can use one.
     write_measurements : bool
         Write what was measured as a table; see ``quietfix run --help``.
+    resume : path, optional
+        In place of `out`: an interrupted run of the same, which goes on.
 
     Returns
     -------
@@ -69,7 +72,8 @@ def replay(
     asked: dict[str, Any] = {"data": _places(found, data, files), "set": settings, "estimators": estimators}
     asked |= {"platforms": None if platforms is None else Path(platforms), "write_measurements": write_measurements}
     given = {key: value for key, value in asked.items() if value}
-    return run_command(dataset, given, None, None if out is None else Path(out), overwrite, False, progress)
+    where, before = (None if path is None else Path(path) for path in (out, resume))
+    return run_command(dataset, given, None, where, overwrite, False, progress, before)
 
 
 def _places(found: Found, data: Path | str | None, files: Sequence[Path]) -> list[Path]:

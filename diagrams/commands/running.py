@@ -46,8 +46,8 @@ def run_command(
 ) -> Report | None:
     """Run a study, print its table and write its folder; return what a recording tells; see ``quietfix run --help``."""
     from quietfix.diagrams.scale.asked import writes_itself
+    from quietfix.diagrams.scale.crew import check_workers, parts_by
     from quietfix.diagrams.scale.resuming import ensemble_of, interrupted, joined, run_into
-    from quietfix.diagrams.scale.workers import check_workers, parts_by
     from quietfix.diagrams.statistics.metrics import summarise
 
     began = time.monotonic()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 __all__ = [
+    "AGAIN",
     "CHUNK",
     "COMPARED",
     "DATA",
@@ -124,6 +125,11 @@ RESUME = typer.Option(
     metavar="DIR",
     help="In place of --out: go on with the interrupted run of DIR, from its finished chunks in DIR.partial. What else "
     "is given must be what that run was asked for.",
+)
+AGAIN = typer.Option(
+    "--resume",
+    metavar="DIR",
+    help="In place of --out, with all else as it was: go on with the interrupted run of DIR, from its finished chunks.",
 )
 TRUST = typer.Option("--trust", help="With --from or --resume: import the system and the classes that are named there.")
 WORKERS = typer.Option(

@@ -34,6 +34,7 @@ def prepare(
     trials: int | None = None,
     seed: int = 0,
     set: Sequence[str] | None = None,
+    chunk: int | None = None,
     threads: int = 1,
 ) -> tuple[ComparedStudy, Lineup]:
     """Return the study of a comparison, ready to run, and who takes part; arguments as in `compare`."""
@@ -65,6 +66,7 @@ def prepare(
         estimators=chosen.names,
         trials=trials,
         seed=seed,
+        chunk=chunk,
         threads=threads,
         every=1 if recording else math.ceil(epochs / _EPOCHS),
         model=chosen.model,

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
 from quietfix.diagrams.assembly.build import Assembly
+from quietfix.diagrams.chunks.jobs import Tell
+from quietfix.diagrams.chunks.part import Part
 from quietfix.diagrams.quantities.states import shared
 from quietfix.diagrams.statistics.score import Score
 from quietfix.diagrams.studies.stopwatch import Stopwatch
 from quietfix.diagrams.studies.study import Study
 
-__all__ = ["ComparedStudy"]
+__all__ = ["COST", "ComparedStudy"]
+
+Array = NDArray[np.float64]
+
+COST = "cost"
+"""Name of what a part has cost: seconds, and steps times trials, by estimator."""
 
 
 class ComparedStudy(Study):
@@ -36,6 +48,30 @@ class ComparedStudy(Study):
         wired, builder, scores = super().wire(trials)
         self.stopwatches = {name: Stopwatch(block) for name, block in wired.estimators.items()}
         return wired, builder, scores
+
+    def parts(
+        self,
+        progress: bool | Tell = False,
+        first: int = 0,
+        count: int | None = None,
+        numbers: Collection[int] | None = None,
+        width: int | None = None,
+    ) -> Iterator[Part]:
+        """See `Study.parts`; each part says what it has cost."""
+        before: dict[int, Array] = {}
+        for part in super().parts(progress, first, count, numbers, width):
+            spent = []
+            for watch in self.stopwatches.values():
+                spent.append(watch.spent - before.get(id(watch), 0.0))
+                before[id(watch)] = watch.spent
+            yield replace(part, also={**part.also, COST: np.array(spent).reshape(-1, 2)})
+            del part
+
+    def costs_of(self, spent: Iterable[Array]) -> dict[str, float]:
+        """Return processor time of one step of one trial [us] by estimator, from what is said by the parts."""
+        total = np.sum([np.zeros((len(self.states), 2)), *spent], axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return dict(zip(self.states, (1e6 * total[:, 0] / total[:, 1]).tolist(), strict=True))
 
     @property
     def states(self) -> dict[str, int]:

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from quietfix.diagrams.assembly.find import Found, find
 from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.chunks.jobs import Job, Runner, run_here
+from quietfix.diagrams.chunks.part import added
+from quietfix.diagrams.chunks.plan import Plan
 from quietfix.diagrams.experiments.compared_study import ComparedStudy
 from quietfix.diagrams.experiments.summary_entries import interval_entry, nearest_epoch, nees_entry, run_entry
 from quietfix.diagrams.schema.errors import UserError, choose, texts
@@ -24,10 +29,12 @@ from quietfix.diagrams.statistics.metrics import diverged, not_started
 from quietfix.diagrams.statistics.state_errors import errors
 from quietfix.diagrams.studies.described import described
 from quietfix.diagrams.studies.recordings import only_simulated
-from quietfix.diagrams.studies.whole import join
 
 __all__ = ["Sweep", "Vary", "parse_vary", "sweep", "sweep_statistics"]
 
+
+Array = NDArray[np.float64]
+Kept = Mapping[str, NDArray[Any]]
 
 _FORM = "KEY=A:B:N, KEY=log:A:B:N or KEY=V1,V2,..., such as truth.sigma_tdoa_ns=log:5:80:5"
 
@@ -122,7 +129,7 @@ class Sweep:
 
     Parameters
     ----------
-    system, variant, scenario, estimators, trials, seed, set, threads
+    system, variant, scenario, estimators, trials, seed, set, chunk, threads
         As of `quietfix.diagrams.run_study`; at least 2 trials.
     vary : str or Vary
         See `parse_vary`.
@@ -147,6 +154,7 @@ class Sweep:
         seed: int = 0,
         set: Sequence[str] | None = None,
         at: float | None = None,
+        chunk: int | None = None,
         threads: int = 1,
     ) -> None:
         self.vary = parse_vary(vary) if isinstance(vary, str) else vary
@@ -160,6 +168,7 @@ class Sweep:
         if kind is int and any(value != int(value) for value in self.vary.values):
             raise UserError(f"--vary: {self.vary.key} = {self.vary.values} is not allowed; whole numbers")
         options: dict[str, Any] = {"estimators": estimators, "trials": trials, "seed": seed, "threads": threads}
+        options["chunk"] = chunk
         self._studies, self._at = [], at
         for value in self.vary.values:
             point = found.system.resolve(found.variant, scenario, [*settings, f"{self.vary.key}={kind(value)!r}"])
@@ -174,35 +183,104 @@ class Sweep:
             "key": self.vary.key,
             "geometric": int(self.vary.geometric),
         }
+        self._plans = [study.plan(command="sweep") for study, _, _ in self._studies]
 
-    def points(self, progress: bool = False) -> Iterator[xr.Dataset]:
+    @cached_property
+    def plan(self) -> Plan:
+        """What is asked for; its chunks are those of the first point, then those of the second, and so on."""
+        first = self._plans[0]
+        asked = {"command": "sweep", "key": self.vary.key, "values": list(self.vary.values), "at": self._at}
+        asked |= {"geometric": int(self.vary.geometric), "chunk": first.chunk, **first.asked}
+        return Plan(asked, sum(plan.chunks for plan in self._plans), 1)
+
+    @property
+    def times(self) -> list[float]:
+        """When errors are taken [s], by point."""
+        return [float(ticks[epoch]) for _, epoch, ticks in self._studies]
+
+    def numbers(self, point: int) -> range:
+        """Return which chunks are those of a point."""
+        before = sum(plan.chunks for plan in self._plans[:point])
+        return range(before, before + self._plans[point].chunks)
+
+    def run(self, runner: Runner, left: Collection[int]) -> Iterator[tuple[int, Array | None, Kept]]:
+        """Run chunks.
+
+        Parameters
+        ----------
+        runner : callable
+            Who runs them.
+        left : collection of int
+            Which.
+
+        Yields
+        ------
+        number : int
+            Of a chunk, in any order.
+        sums : ndarray
+            Its part of the sums over all trials.
+        kept : mapping of str to ndarray
+            What `point` takes of it.
+        """
+        jobs = []
+        for point, (study, _, _) in enumerate(self._studies):
+            numbers = self.numbers(point)
+            jobs.append(Job(study, self._plans[point], [n - numbers.start for n in numbers if n in left]))
+        for point, part in runner(jobs):
+            yield self.numbers(point).start + part.number, part.sums, self._reduced(point, part.dataset)
+            del part
+
+    def _reduced(self, point: int, chunk: xr.Dataset) -> Kept:
+        """Return what a point takes of a chunk, by estimator and trial."""
+        _, epoch, ticks = self._studies[point]
+        index = int(np.argmin(np.abs(chunk["time"].values - ticks[epoch])))
+        kept, never = chunk.isel(time=[index]), not_started(chunk)
+        return {
+            "position_error": errors(kept)["position"].values[:, :, 0],
+            "nees": kept["nees"].transpose("estimator", "trial", "time").values[:, :, 0],
+            "diverged": (diverged(chunk) & ~never).values,
+            "not_started": never.values,
+            "trial": chunk["trial"].values,
+            "time": chunk["time"].values,
+        }
+
+    def point(self, point: int, kept: Sequence[Kept], sums: Iterable[Array | None]) -> xr.Dataset:
+        """Return a point as a Dataset with the dimension ``point``, from all its chunks in their order."""
+        study, epoch, ticks = self._studies[point]
+        times = kept[0]["time"]
+        index = int(np.argmin(np.abs(times - ticks[epoch])))
+        found = study.bounds(added(sums), times)
+        empty = np.full(len(study.states), np.nan)
+        bounds = [found[n][1][:, index] if n in found else empty for n in ("bound_position", "bound_truth_position")]
+        dims = ("point", "estimator", "trial")
+        names = ("position_error", "nees", "diverged", "not_started")
+        dataset = xr.Dataset(
+            {
+                **{name: (dims, np.concatenate([chunk[name] for chunk in kept], axis=1)[None]) for name in names},
+                "bound_position": (dims[:2], bounds[0][None]),
+                "bound_truth_position": (dims[:2], bounds[1][None]),
+                "states": (dims[:2], np.array([list(study.states.values())])),
+                "at": (("point",), [float(ticks[epoch])]),
+            },
+            {
+                "point": [self.vary.values[point]],
+                "estimator": list(study.states),
+                "trial": np.concatenate([chunk["trial"] for chunk in kept]),
+            },
+            self.attributes,
+        )
+        return described(dataset)
+
+    def points(self, runner: Runner = run_here) -> Iterator[xr.Dataset]:
         """Run the points one after the other and yield each as a Dataset with the dimension ``point``."""
-        for value, (study, epoch, ticks) in zip(self.vary.values, self._studies, strict=True):
-            whole = join(list(study.chunks(progress)))
-            index = int(np.argmin(np.abs(whole["time"].values - ticks[epoch])))
-            kept = whole.isel(time=[index])
-            empty = np.full(kept.sizes["estimator"], np.nan)
-            bounds = [kept[n].values[:, 0] if n in kept else empty for n in ("bound_position", "bound_truth_position")]
-            dims = ("point", "estimator", "trial")
-            point = xr.Dataset(
-                {
-                    "position_error": (dims, errors(kept)["position"].values[None, :, :, 0]),
-                    "nees": (dims, kept["nees"].values[None, :, :, 0]),
-                    "diverged": (dims, (diverged(whole) & ~not_started(whole)).values[None]),
-                    "not_started": (dims, not_started(whole).values[None]),
-                    "bound_position": (dims[:2], bounds[0][None]),
-                    "bound_truth_position": (dims[:2], bounds[1][None]),
-                    "states": (dims[:2], np.array([list(study.states.values())])),
-                    "at": (("point",), [float(ticks[epoch])]),
-                },
-                {
-                    "point": [value],
-                    "estimator": list(study.states),
-                    "trial": whole["trial"].values,
-                },
-                self.attributes,
-            )
-            yield described(point)
+        entries: dict[int, tuple[Array | None, Kept]] = {}
+        turn = 0
+        for number, sums, kept in self.run(runner, range(self.plan.chunks)):
+            entries[number] = sums, kept
+            while turn < len(self._studies) and all(n in entries for n in self.numbers(turn)):
+                own = [entries.pop(n) for n in self.numbers(turn)]
+                yield self.point(turn, [kept for _, kept in own], [sums for sums, _ in own])
+                turn += 1
 
 
 def sweep(system: str | System | Found, vary: str, **options: Any) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from quietfix.diagrams.assembly.find import Found
+from quietfix.diagrams.experiments.compared_study import ComparedStudy
 from quietfix.diagrams.studies.study import Study
 
 __all__ = ["built", "writes_itself"]
@@ -17,7 +18,7 @@ def writes_itself(found: Found) -> bool:
     return not found.system.estimates
 
 
-def built(found: Found | str, options: Mapping[str, Any], write: bool) -> Study:
+def built(found: Found | str, options: Mapping[str, Any], write: bool, command: str = "run") -> Study:
     """Return a study.
 
     Parameters
@@ -27,7 +28,11 @@ def built(found: Found | str, options: Mapping[str, Any], write: bool) -> Study:
         As of `Study`.
     write : bool
         Whether its measurements are written: what is measured, before phases are resolved, is kept then, too.
+    command : str
+        What it is for; a comparison also notes what its estimators cost.
     """
+    if command == "compare":
+        return ComparedStudy(found, **options)
     study = Study(found, **options)
     if write and not writes_itself(study.found) and "raw" in study.probe.bus:
         signals = {**study.model.signals, "raw": "raw"}

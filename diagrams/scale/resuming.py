@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from quietfix.diagrams.chunks.ledger import read_plan
 from quietfix.diagrams.chunks.part import Part, added
 from quietfix.diagrams.chunks.plan import Plan
 from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.scale.crew import Lost
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.statistics.tally import Ensemble, together
 from quietfix.diagrams.studies.described import described
@@ -24,7 +26,19 @@ from quietfix.diagrams.studies.store import read_attributes
 from quietfix.diagrams.studies.study import Study
 from quietfix.diagrams.studies.whole import join
 
-__all__ = ["Earlier", "earlier", "ensemble_of", "interrupted", "joined", "run_into", "say_interrupted"]
+__all__ = [
+    "Earlier",
+    "begun_or_interrupted",
+    "concluded",
+    "earlier",
+    "ensemble_of",
+    "interrupted",
+    "joined",
+    "keeping",
+    "run_into",
+    "say_interrupted",
+    "say_left",
+]
 
 
 @dataclass(frozen=True)
@@ -100,6 +114,21 @@ def interrupted(folder: Path, system: str | None, out: Path | None, from_: Path 
     return found
 
 
+def begun_or_interrupted(out: Path | None, resume: Path | None) -> Path | None:
+    """Return where a command writes that is resumed by saying it again with ``--resume`` in place of ``--out``.
+
+    Raises
+    ------
+    UserError
+        If both are given.
+    """
+    if resume is None:
+        return out
+    if out is not None:
+        raise UserError(f"--out: {out} is not allowed with --resume {resume}, which says where the run is")
+    return resume.with_name(resume.name.removesuffix(".partial"))
+
+
 def run_into(folder: OutputFolder, study: Study, parts: Iterable[Part]) -> xr.Dataset:
     """Write a study into a folder, chunk by chunk.
 
@@ -116,17 +145,17 @@ def run_into(folder: OutputFolder, study: Study, parts: Iterable[Part]) -> xr.Da
     xarray.Dataset
         The result; arrays are read when they are used.
     """
-    assert folder.ledger is not None
-    plan = folder.ledger.plan
-    if folder.chunks:
-        say(f"{plan.trials - folder.trials} of {plan.trials} trials are left to run")
-    try:
+    say_left(folder)
+    with keeping(folder):
         for part in parts:
             folder.write(part)
             del part
-    except KeyboardInterrupt:
-        say_interrupted(folder)
-        raise
+    return concluded(folder, study)
+
+
+def concluded(folder: OutputFolder, study: Study) -> xr.Dataset:
+    """Add to the finished chunks of a study what is of all of them, and return the result; arrays are not read."""
+    assert folder.ledger is not None
     times = open_result(folder.store)["time"].values
     bounds = study.bounds(added(folder.ledger.sums()), times)
     folder.add(described(xr.Dataset(bounds, attrs=study.attributes())))
@@ -140,6 +169,34 @@ def ensemble_of(folder: OutputFolder, dataset: xr.Dataset) -> Ensemble:
     return Ensemble(dataset, together(tallies) if all(tallies) else None)
 
 
+@contextmanager
+def keeping(*folders: OutputFolder) -> Iterator[None]:
+    """Say what is kept of runs that are interrupted, or lose their workers."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        for folder in folders:
+            say_interrupted(folder)
+        raise
+    except Lost as error:
+        kept = [folder.kept for folder in folders if folder.chunks] or ["nothing is kept"]
+        raise UserError(f"{error}; {', '.join(kept)}") from error
+
+
+def say_left(*folders: OutputFolder) -> None:
+    """Say how much of runs that are resumed is left to run."""
+    for folder in folders:
+        if folder.chunks and folder.ledger is not None:
+            of, what = _counted(folder)
+            say(f"{of - folder.trials} of {of} {what} are left to run")
+
+
+def _counted(folder: OutputFolder) -> tuple[int, str]:
+    """Return how much a run is, and what is counted."""
+    assert folder.ledger is not None
+    return folder.ledger.plan.trials, f"{folder.along}s"
+
+
 def joined(study: Study, parts: Iterable[Part]) -> xr.Dataset:
     """Return the result of a study from its chunks in any order."""
     ordered = sorted(parts, key=lambda part: part.number)
@@ -151,6 +208,9 @@ def joined(study: Study, parts: Iterable[Part]) -> xr.Dataset:
 def say_interrupted(folder: OutputFolder) -> None:
     """Say on standard error what an interrupted run has finished."""
     if folder.ledger is not None and folder.chunks:
-        of = folder.ledger.plan.trials
-        go_on = f"`quietfix run --resume {folder.final}` goes on"
-        print(f"quietfix: {folder.trials} of {of} trials are kept in {folder.partial}; {go_on}", file=sys.stderr)
+        of, what = _counted(folder)
+        command = folder.ledger.plan.asked.get("command", "run")
+        again = f"with --resume {folder.final} the same `quietfix {command}` goes on"
+        if command == "run":
+            again = f"`quietfix run --resume {folder.final}` goes on"
+        print(f"quietfix: {folder.trials} of {of} {what} are kept in {folder.partial}; {again}", file=sys.stderr)

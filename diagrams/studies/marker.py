@@ -30,14 +30,19 @@ __all__ = [
     "RESERVE",
     "Busy",
     "Mark",
+    "check_place",
     "clear",
     "discard",
     "fingerprint_of",
+    "gather",
     "listing",
     "lock",
+    "plain",
     "read_mark",
+    "refuse_strangers",
     "strangers",
     "sweep_halves",
+    "within",
 ]
 
 MARKER = ".quietfix-result.json"
@@ -273,3 +278,47 @@ def clear(folder: Path, keep: Collection[str] = ()) -> None:
             shutil.rmtree(path)
         else:
             path.unlink()
+
+
+def plain(path: Path) -> Path:
+    """Return the path without ``..``, which would lead elsewhere when a folder on the way is made or renamed."""
+    return Path(os.path.realpath(path.parent)) / path.name if ".." in path.parent.parts else path
+
+
+def within(path: Path, folder: Path) -> bool:
+    """Return whether a path is a folder, or leads into it."""
+    whole, inside = Path(os.path.realpath(folder)), Path(os.path.realpath(path))
+    return whole == inside or whole in inside.parents
+
+
+def gather(folder: Path) -> None:
+    """Move what was made to its place."""
+    making = folder / MAKING
+    if making.is_dir():
+        for path in sorted(making.iterdir()):
+            path.replace(folder / path.name)
+        making.rmdir()
+
+
+def check_place(final: Path) -> None:
+    """Refuse what can be no new folder, and no earlier result."""
+    if final.name in ("", ".."):
+        raise UserError(f"--out: {str(final)!r} is not allowed; the name of a new folder or an earlier result")
+    if final.is_symlink():
+        raise UserError(f"--out: {final} is a link to {final.readlink()}; name a folder itself")
+    if os.path.lexists(final) and not final.is_dir():
+        raise UserError(f"--out: {final} exists and is not a folder")
+    whole, here = Path(os.path.realpath(final)), Path.cwd()
+    if whole == here or whole in here.parents:
+        raise UserError(f"--out: {final} is the current folder, or holds it; name a folder within it")
+    if os.path.ismount(final):
+        raise UserError(f"--out: {final} is a mount point; name a folder within it")
+    for above in whole.parents:
+        if read_mark(above) is not None:
+            raise UserError(f"--out: {final} lies in the result {above}; choose another folder")
+
+
+def refuse_strangers(folder: Path, mark: Mark) -> None:
+    """Refuse a folder in which a file was added or changed."""
+    if others := strangers(folder, mark):
+        raise UserError(f"--out: {folder} holds other files ({', '.join(others[:3])}); choose a new folder")

@@ -6,11 +6,15 @@ import errno
 import os
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from quietfix.diagrams.chunks import ledger as record
 from quietfix.diagrams.chunks.ledger import CHUNKS, Ledger, read_plan
@@ -24,23 +28,32 @@ from quietfix.diagrams.studies.marker import (
     RESERVE,
     Busy,
     Mark,
+    check_place,
     clear,
     discard,
     fingerprint_of,
+    gather,
     listing,
     lock,
+    plain,
     read_mark,
+    refuse_strangers,
+    strangers,
     sweep_halves,
+    within,
 )
-from quietfix.diagrams.studies.marker import strangers as find_strangers
 from quietfix.diagrams.studies.store import add, consolidate, cut, files_of, write
 from quietfix.diagrams.writers.whole_file import undisturbed
 
 __all__ = ["Finished", "OutputFolder"]
 
+Array = NDArray[np.float64]
+
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 _RESERVED = 256 << 10  # bytes
 _STORE = "results.zarr"
+_NOTED = ("sweep", "verify")
+"""Commands that keep what is made of chunks, and not these."""
 
 
 class Finished(UserError):
@@ -88,19 +101,21 @@ class OutputFolder:
         plan: Plan | None = None,
         resume: bool = False,
     ) -> None:
-        self.final = _plain(Path(folder))
+        self.final = plain(Path(folder))
         self.chunks = 0
-        self._size, self._width, self._along = 0, 0, "trial"
+        self._size, self._width = 0, 0
         self._resume = resume
+        self._noted = plan is not None and plan.asked.get("command") in _NOTED
+        self._along = "chunk" if self._noted else "trial"
         self._above: list[Path] = []
         self._kind, self._overwrite = kind, overwrite
         self._finished = False
         self._lock: int | None = None
         try:
-            self._check_place(self.final)
+            check_place(self.final)
             self.partial = self.final.with_name(self.final.name + ".partial")
             self.ledger = None if plan is None else Ledger(self.partial, plan)
-            if reads is not None and _within(Path(reads), self.partial):
+            if reads is not None and within(Path(reads), self.partial):
                 raise UserError(f"--from: {reads} is where --out {self.final} works; choose another folder")
             with undisturbed():
                 self._begin()
@@ -116,9 +131,9 @@ class OutputFolder:
     @classmethod
     def check(cls, final: Path, overwrite: bool) -> None:
         """Raise a `UserError` if the folder cannot be one to write, or exists and may not be replaced."""
-        final = _plain(final)
+        final = plain(final)
         try:
-            cls._check_place(final)
+            check_place(final)
             if not os.path.lexists(final):
                 return
             cls._check_content(final, overwrite)
@@ -139,26 +154,9 @@ class OutputFolder:
             return
         if mark.files is None:
             raise UserError(f"--out: {final} is the unfinished work of another run; choose another folder")
-        _refuse_strangers(final, mark)
+        refuse_strangers(final, mark)
         if not overwrite:
             raise UserError(f"--out: {final} holds an earlier result; add --overwrite or choose another folder")
-
-    @staticmethod
-    def _check_place(final: Path) -> None:
-        if final.name in ("", ".."):
-            raise UserError(f"--out: {str(final)!r} is not allowed; the name of a new folder or an earlier result")
-        if final.is_symlink():
-            raise UserError(f"--out: {final} is a link to {final.readlink()}; name a folder itself")
-        if os.path.lexists(final) and not final.is_dir():
-            raise UserError(f"--out: {final} exists and is not a folder")
-        whole, here = Path(os.path.realpath(final)), Path.cwd()
-        if whole == here or whole in here.parents:
-            raise UserError(f"--out: {final} is the current folder, or holds it; name a folder within it")
-        if os.path.ismount(final):
-            raise UserError(f"--out: {final} is a mount point; name a folder within it")
-        for above in whole.parents:
-            if read_mark(above) is not None:
-                raise UserError(f"--out: {final} lies in the result {above}; choose another folder")
 
     def _begin(self) -> None:
         found = self._take()
@@ -187,7 +185,8 @@ class OutputFolder:
             earlier.refuse_other(self.ledger.plan)
             self.ledger.check(lambda name: fingerprint_of(self.store / name))
             self.chunks, self._size = len(self.ledger.finished()), len(self.ledger.places())
-        clear(self.partial, (CHUNKS, _STORE) if self.chunks else ())
+        kept = (CHUNKS,) if self._noted else (CHUNKS, _STORE)
+        clear(self.partial, kept if self.chunks else ())
         sweep_halves(self.partial)
 
     def _take(self) -> Mark | None:
@@ -206,7 +205,7 @@ class OutputFolder:
             mark = read_mark(self.partial)
             if mark is None:
                 break
-            _refuse_strangers(self.partial, mark)
+            refuse_strangers(self.partial, mark)
             return mark
         raise UserError(
             f"--out: {self.partial} is needed for the work and was not made by this program; choose another folder, or "
@@ -244,8 +243,13 @@ class OutputFolder:
 
     @property
     def trials(self) -> int:
-        """How many trials are written."""
+        """How many trials, or what else is counted, are written."""
         return self._size
+
+    @property
+    def along(self) -> str:
+        """What is counted: trials, points, chunks."""
+        return self._along
 
     @property
     def left(self) -> frozenset[int]:
@@ -271,15 +275,33 @@ class OutputFolder:
         assert self.ledger is not None
         plan = self.ledger.plan
         begin, end = plan.place(part.number)
+        with self._careful():
+            write(self.store, part.dataset, self._along, begin, plan.trials, plan.chunk)
+            names = files_of(self.store, self._along, begin, end)
+            self.ledger.record(part, {name: fingerprint_of(self.store / name) for name in names})
+            self.chunks, self._size = self.chunks + 1, self._size + end - begin
+
+    def note(self, number: int, sums: Array | None, also: Mapping[str, NDArray[Any]]) -> None:
+        """Keep what is made of a chunk of a plan whose chunks themselves are not kept."""
+        assert self.ledger is not None
+        with self._careful():
+            self.ledger.keep(number, sums, {}, also)
+            self.chunks, self._size = self.chunks + 1, self._size + 1
+
+    def put(self, datasets: Sequence[xr.Dataset], along: str) -> None:
+        """Write all of a store, each dataset at its place."""
+        with self._careful():
+            for place, dataset in enumerate(datasets):
+                write(self.store, dataset, along, place, len(datasets), 1)
+
+    @contextmanager
+    def _careful(self) -> Iterator[None]:
         with undisturbed():
             try:
-                write(self.store, part.dataset, self._along, begin, plan.trials, plan.chunk)
-                names = files_of(self.store, self._along, begin, end)
-                self.ledger.record(part, {name: fingerprint_of(self.store / name) for name in names})
+                yield
             except OSError:
                 (self.partial / RESERVE).unlink(missing_ok=True)
                 raise
-            self.chunks, self._size = self.chunks + 1, self._size + end - begin
 
     def add(self, variables: xr.Dataset) -> None:
         """Write variables that are no chunk's."""
@@ -298,7 +320,7 @@ class OutputFolder:
         """
         with undisturbed():
             (self.partial / RESERVE).unlink(missing_ok=True)
-            if self.chunks:
+            if self.chunks and self.store.exists():
                 with suppress(OSError):  # the result is whole without it
                     consolidate(self.store)
             self._settle(finished=True)
@@ -306,18 +328,18 @@ class OutputFolder:
             try:
                 self.check(self.final, self._overwrite)
             except UserError as error:
-                raise UserError(f"{error}; {self._kept}") from error
+                raise UserError(f"{error}; {self.kept}") from error
             self._place()
 
     def _settle(self, finished: bool) -> None:
         """List what was written in the marker, and give what was made its place."""
         (self.partial / RESERVE).unlink(missing_ok=True)
         self._remark(Mark(self._kind, finished, listing(self.partial)))
-        _gather(self.partial)
+        gather(self.partial)
 
     def _place(self) -> None:
         """Turn the finished ``partial`` into the final folder."""
-        _gather(self.partial)
+        gather(self.partial)
         record.discard(self.partial)
         replaced = self.partial / REPLACED
         if read_mark(self.final) is not None:
@@ -352,13 +374,16 @@ class OutputFolder:
                     self._end_early()
         finally:
             self._release()
-        if isinstance(error, OSError) and (error.errno in _FULL or _within(Path(str(error.filename)), self.partial)):
-            raise UserError(
-                f"--out: {self.final} cannot be written ({error.strerror or error}); {self._kept}"
-            ) from error
+        if isinstance(error, OSError) and (error.errno in _FULL or within(Path(str(error.filename)), self.partial)):
+            raise self.refusal(error) from error
+
+    def refusal(self, error: OSError) -> UserError:
+        """Return that the folder cannot be written, and what is kept."""
+        return UserError(f"--out: {self.final} cannot be written ({error.strerror or error}); {self.kept}")
 
     @property
-    def _kept(self) -> str:
+    def kept(self) -> str:
+        """What is kept of a run that ends early, in words."""
         if self._finished:
             return f"the finished result is kept in {self.partial}"
         if self.chunks:
@@ -367,33 +392,9 @@ class OutputFolder:
 
     def _end_early(self) -> None:
         with suppress(OSError):  # what made the run end may be that nothing can be written
-            if self.chunks or find_strangers(self.partial, Mark(self._kind)):
+            if self.chunks or strangers(self.partial, Mark(self._kind)):
                 self._settle(finished=False)
             else:
                 discard(self.partial)
                 for path in self._above:
                     path.rmdir()
-
-
-def _plain(path: Path) -> Path:
-    """Return the path without ``..``, which would lead elsewhere when a folder on the way is made or renamed."""
-    return Path(os.path.realpath(path.parent)) / path.name if ".." in path.parent.parts else path
-
-
-def _within(path: Path, folder: Path) -> bool:
-    whole, inside = Path(os.path.realpath(folder)), Path(os.path.realpath(path))
-    return whole == inside or whole in inside.parents
-
-
-def _refuse_strangers(folder: Path, mark: Mark) -> None:
-    if others := find_strangers(folder, mark):
-        raise UserError(f"--out: {folder} holds other files ({', '.join(others[:3])}); choose a new folder")
-
-
-def _gather(folder: Path) -> None:
-    """Move what was made to its place."""
-    making = folder / MAKING
-    if making.is_dir():
-        for path in sorted(making.iterdir()):
-            path.replace(folder / path.name)
-        making.rmdir()

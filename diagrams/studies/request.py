@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -9,12 +10,25 @@ from typing import Any
 
 import numpy as np
 
+from quietfix.diagrams.assembly.build import Assembly
+from quietfix.diagrams.assembly.companions import companions
 from quietfix.diagrams.assembly.find import Found
 from quietfix.diagrams.assembly.lineup import select_estimators
 from quietfix.diagrams.assembly.recorded import Recorded
 from quietfix.diagrams.schema.errors import UserError
+from quietfix.diagrams.schema.scenario import dump
+from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
 
-__all__ = ["KEEP", "Request", "check_numbers", "check_threads", "count_of", "estimators_of", "quietfix_version"]
+__all__ = [
+    "KEEP",
+    "Request",
+    "attributes_of",
+    "check_numbers",
+    "check_threads",
+    "count_of",
+    "estimators_of",
+    "quietfix_version",
+]
 
 KEEP = ("estimates", "covariance", "measurements", "all")
 """What of each trial is kept; errors, NEES and NIS always are."""
@@ -93,3 +107,27 @@ def quietfix_version() -> str:
         return version("quietfix")
     except PackageNotFoundError:
         return "not installed"
+
+
+def attributes_of(request: Request, found: Found, wired: Assembly) -> dict[str, Any]:
+    """Return what a result needs to be run again from itself: of a request and the diagram that it makes."""
+    recorded = wired.model.recorded
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "system": request.system,
+        "variant": request.variant or "",
+        **found.attributes,
+        **({"system_files": json.dumps(files)} if (files := companions(found, request.scenario)) else {}),
+        "seed": request.seed,
+        "first_trial": request.first_trial,
+        "trials": request.trials,
+        **({} if recorded is None else {"tracks": len(recorded.tracks)}),
+        "keep": request.keep,
+        "every": request.every,
+        "version": quietfix_version(),
+        "frame": wired.model.axes.name,
+        "note": wired.note,
+        "divergence_m": wired.model.divergence,
+        "scenario": dump(request.scenario, comments=False),
+        **({} if wired.model.convergence is None else {"convergence_m": wired.model.convergence}),
+    }

@@ -58,7 +58,7 @@ def open_result(path: Path | str) -> xr.Dataset:
 def _finished(store: Path, dataset: xr.Dataset) -> xr.Dataset:
     """Return what is finished of a result; of one that is being written all has its place, and some is empty."""
     plan = read_plan(store.parent)
-    if plan is None or plan.trials != dataset.sizes.get("trial"):
+    if plan is None or "point" in dataset.dims or plan.trials != dataset.sizes.get("trial"):
         return dataset
     places = Ledger(store.parent, plan).places()
     behind = np.array_equal(places, np.arange(places.size))

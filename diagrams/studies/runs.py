@@ -61,9 +61,9 @@ class Running:
     recorders: Sequence[Recorder]
 
 
-def effort(count: int, width: int) -> int:
-    """Return what so many trials cost in batches of a width, in trials."""
-    return math.ceil(count / width) * (width + _OVERHEAD)
+def effort(count: int, width: int, chunk: int | None = None) -> int:
+    """Return what so many trials cost in batches of a width, in trials; of each only a chunk may be of use."""
+    return math.ceil(count / (chunk or width)) * (width + _OVERHEAD)
 
 
 def runs(model: Model, first: int, trials: int, width: int) -> Iterator[list[Run]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from itertools import combinations
 from typing import Any
@@ -11,10 +12,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from quietfix.diagrams.assembly.build import Assembly
+from quietfix.diagrams.assembly.find import Found
 from quietfix.diagrams.statistics.lost import not_started
 from quietfix.diagrams.statistics.tally import blocks
 
-__all__ = ["arrivals", "counted", "why_not_started", "why_this"]
+__all__ = ["arrivals", "counted", "say_unmeasured", "why_not_started", "why_this"]
 
 Array = NDArray[np.float64]
 
@@ -118,3 +120,12 @@ class _Reason:
             most = f"at most {self._most} of {self._rows} rows are measured at once"
             return f"{most}, and the start finds no solution in them"
         return "the start finds no solution at any epoch"
+
+
+def say_unmeasured(found: Found, wired: Assembly, present: NDArray[np.bool_]) -> None:
+    """Say of a user's system which rows are not in the measurements of the first chunk (trials, time, rows)."""
+    stream = wired.stream or next((list(e.wiring.stream) for e in wired.estimators.values()), [])
+    seen: Any = np.any(present, axis=(0, 1))
+    never = [row for row, once in zip(stream, seen, strict=False) if not once]
+    if never and found.source != "packaged":
+        warnings.warn(f"{', '.join(never)}: never measured in this run (NaN at all epochs)", stacklevel=1)

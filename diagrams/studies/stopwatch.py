@@ -6,6 +6,9 @@ import time
 import weakref
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.kernels.progress import loading_seconds
 
@@ -59,6 +62,11 @@ class Stopwatch:
                 self._depth -= 1
 
         return call
+
+    @property
+    def spent(self) -> NDArray[np.float64]:
+        """Time so far [s], and steps of a trial so far."""
+        return np.array([self.seconds, float(self.steps * self._trials)])
 
     @property
     def microseconds(self) -> float:

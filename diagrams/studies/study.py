@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
@@ -18,17 +16,16 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from quietfix.diagrams.assembly.build import Assembly, build
-from quietfix.diagrams.assembly.companions import companions
 from quietfix.diagrams.assembly.find import Found, find
 from quietfix.diagrams.assembly.model import Model
 from quietfix.diagrams.assembly.recorded import Report
 from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.chunks.jobs import Tell
 from quietfix.diagrams.chunks.part import Part, added
 from quietfix.diagrams.chunks.plan import Plan
 from quietfix.diagrams.console.progress import Progress
 from quietfix.diagrams.schema.errors import UserError, choose, in_users_words
 from quietfix.diagrams.schema.origins import origins_of
-from quietfix.diagrams.schema.scenario import dump
 from quietfix.diagrams.smoothing.looking_back import look_back
 from quietfix.diagrams.statistics.bounds import StudyBounds
 from quietfix.diagrams.statistics.score import Score
@@ -37,15 +34,14 @@ from quietfix.diagrams.studies.described import described
 from quietfix.diagrams.studies.request import (
     KEEP,
     Request,
+    attributes_of,
     check_numbers,
     check_threads,
     count_of,
     estimators_of,
-    quietfix_version,
 )
-from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
 from quietfix.diagrams.studies.runs import Run, Running, effort, longest, padded, runs, simulate, size_of_chunk, thinned
-from quietfix.diagrams.studies.starting import arrivals, counted
+from quietfix.diagrams.studies.starting import arrivals, counted, say_unmeasured
 from quietfix.systems.integration import simulator_of
 from quietfix.systems.kernels.sharing import threads as shared_among
 from quietfix.systems.recorder import record
@@ -242,56 +238,69 @@ class Study:
             del chunk
 
     def parts(
-        self, progress: bool = False, first: int = 0, count: int | None = None, numbers: Collection[int] | None = None
+        self,
+        progress: bool | Tell = False,
+        first: int = 0,
+        count: int | None = None,
+        numbers: Collection[int] | None = None,
+        width: int | None = None,
     ) -> Iterator[Part]:
         """Run the study and yield its chunks, which do not know of each other.
 
         Parameters
         ----------
-        progress, first, count
+        progress : bool or callable
+            Show a progress bar, or what is told how many trials are done of those that are run.
+        first, count
             As of `chunks`.
         numbers : collection of int, optional
             Which chunks are run, by default all.
+        width : int, optional
+            Trials of a chunk, whatever the study has run before; see `widths`.
         """
-        made = self._parts(progress, first, self.request.trials - first if count is None else count, numbers)
-        while True:
-            with self.blaming():
-                part = next(made, None)
-            if part is None:
-                return
-            yield part
-            del part
-
-    def _parts(self, progress: bool, first: int, trials: int, numbers: Collection[int] | None) -> Iterator[Part]:
+        trials = self.request.trials - first if count is None else count
         if numbers is not None and not numbers:
             return
-        request, recorded = self.request, self.recorded
-        running = self._diagram_for(trials)
-        wired, width = running.wired, running.width
+        with self.blaming():
+            running = self._diagram_for(trials, width)
+        every = enumerate(runs(self.model, self.request.first_trial + first, trials, width or running.width))
+        wanted = [(number, together) for number, together in every if numbers is None or number in numbers]
+        total = sum(run.size for _, together in wanted for run in together)
+        shown = progress is True
+        with Progress(f"{self.system.name}, {trials} trials", total, shown, "trials") as bar:
+            made = self._parts(running, wanted, progress if callable(progress) else bar.update)
+            while True:
+                with self.blaming():
+                    part = next(made, None)
+                if part is None:
+                    return
+                yield part
+                del part
+
+    def _parts(self, running: Running, wanted: Sequence[tuple[int, list[Run]]], tell: Tell) -> Iterator[Part]:
+        wired, recorded, done = running.wired, self.recorded, 0
         simulator = simulator_of(running.diagram, step=self.model.step)
         bounds = self._bounds(wired)
-        with Progress(f"{self.system.name}, {trials} trials", trials, progress) as bar:
-            for number, together in enumerate(runs(self.model, request.first_trial + first, trials, width)):
-                if numbers is not None and number not in numbers:
-                    continue
-                begin, size = together[0].first, sum(run.size for run in together)
-                times, signals, path = self._run(simulator, running, together, bar)
-                present = np.isfinite(path["sensed"].swapaxes(0, 1)[:size])
-                if bounds is not None:
-                    truth, platforms = path["truth"].swapaxes(0, 1)[:size], states_of(path["platforms"], size)
-                    with shared_among(request.threads):
-                        bounds.add(truth, platforms, size, present, arrivals(path, size))
-                    del truth, platforms
-                chunk = self._shape.dataset(times, signals, begin, size).assign_attrs(self.attributes())
-                if recorded is not None and recorded.clocks:
-                    chunk = chunk.assign_coords(track=("trial", np.array(recorded.tracks)[begin : begin + size]))
-                if number == 0:
-                    self._say_unmeasured(wired, present)
-                chunk = chunk.assign_coords(counted(wired, path, present, size))
-                # a generator keeps its variables while it waits and while the next chunk runs
-                del signals, path, present
-                yield Part(number, together[0].done, described(chunk), None if bounds is None else bounds.take())
-                del chunk
+        for number, together in wanted:
+            begin, size = together[0].first, sum(run.size for run in together)
+            times, signals, path = self._run(simulator, running, together, done, tell)
+            present = np.isfinite(path["sensed"].swapaxes(0, 1)[:size])
+            if bounds is not None:
+                truth, platforms = path["truth"].swapaxes(0, 1)[:size], states_of(path["platforms"], size)
+                with shared_among(self.request.threads):
+                    bounds.add(truth, platforms, size, present, arrivals(path, size))
+                del truth, platforms
+            chunk = self._shape.dataset(times, signals, begin, size).assign_attrs(self.attributes())
+            if recorded is not None and recorded.clocks:
+                chunk = chunk.assign_coords(track=("trial", np.array(recorded.tracks)[begin : begin + size]))
+            if number == 0:
+                say_unmeasured(self.found, wired, present)
+            chunk = chunk.assign_coords(counted(wired, path, present, size))
+            # a generator keeps its variables while it waits and while the next chunk runs
+            del signals, path, present
+            done += size
+            yield Part(number, together[0].done, described(chunk), None if bounds is None else bounds.take())
+            del chunk
 
     def _bounds(self, wired: Assembly) -> StudyBounds | None:
         """Return what sums the bounds of a diagram, if it has any."""
@@ -314,26 +323,18 @@ class Study:
         chunk = size_of_chunk(self.model, trials, min(self.chunk, trials))
         return Plan({**self.attributes(), **also}, trials, chunk)
 
-    def _say_unmeasured(self, wired: Assembly, present: NDArray[np.bool_]) -> None:
-        """Say of a user's system which rows are not in the measurements of the first chunk (trials, time, rows)."""
-        stream = wired.stream or next((list(e.wiring.stream) for e in wired.estimators.values()), [])
-        seen: Any = np.any(present, axis=(0, 1))
-        never = [row for row, once in zip(stream, seen, strict=False) if not once]
-        if never and self.found.source != "packaged":
-            warnings.warn(f"{', '.join(never)}: never measured in this run (NaN at all epochs)", stacklevel=1)
-
     def _run(
-        self, simulator: Simulator, running: Running, together: Sequence[Run], bar: Progress
+        self, simulator: Simulator, running: Running, together: Sequence[Run], done: int, tell: Tell
     ) -> tuple[Array, dict[str, Array], dict[str, Array]]:
         """Return times, signals, and what the bounds read at all epochs, of the runs of a chunk."""
         logs = []
         for run in together:
 
-            def tell(share: float, run: Run = run) -> None:
-                bar.update(run.done + running.width * share)
+            def told(share: float, before: int = done + run.done - together[0].done, run: Run = run) -> None:
+                tell(before + run.size * share)
 
             with shared_among(self.request.threads):
-                context = simulate(simulator, running.diagram, self.model, run, self.request.seed, tell)
+                context = simulate(simulator, running.diagram, self.model, run, self.request.seed, told)
             found = [recorder.result(context) for recorder in running.recorders]
             logs.append(look_back(running.wired, found, run.clock))
             del context
@@ -343,11 +344,25 @@ class Study:
         (times, signals), path = logs[0][0], logs[0][-1][1]
         return times, signals, path
 
-    def _diagram_for(self, count: int) -> Running:
+    def widths(self, counts: Sequence[int]) -> list[int]:
+        """Return how wide the chunks are of so many trials, then of so many more: a diagram serves while it may."""
+        found: list[int] = []
+        for count in counts:
+            width = min(self._width(count), count)
+            if found and effort(count, found[-1]) <= _WORTH * effort(count, width):
+                width = found[-1]
+            found.append(width)
+        return found
+
+    def _diagram_for(self, count: int, width: int | None = None) -> Running:
         """Return the diagram that runs so many trials: the one that is there, unless another is much cheaper."""
-        width = min(self._width(count), count)
-        if self._running is None or effort(count, self._running.width) > _WORTH * effort(count, width):
-            wired, builder, scores = self.wire(width)
+        there, best = self._running, width or min(self._width(count), count)
+        if (
+            there is None
+            or there.width < (width or 0)
+            or effort(count, there.width, width) > _WORTH * effort(count, best)
+        ):
+            wired, builder, scores = self.wire(best)
             every = 1 if self._epochs else self.request.every
             clock = thinned(wired.clock, wired.duration, every)
             recorder = record(builder, self._signals(wired, scores)[0], clock)
@@ -355,8 +370,8 @@ class Study:
             if self.request.every > 1 and not self._epochs:
                 # The bound's recursion needs every epoch, also those that are not kept.
                 recorders.append(record(builder, wired.course, wired.clock, "course"))
-            self._running = Running(width, wired, wired.finish(), recorders)
-        return self._running
+            self._running = there = Running(best, wired, wired.finish(), recorders)
+        return there
 
     @contextmanager
     def blaming(self) -> Iterator[None]:
@@ -377,23 +392,4 @@ class Study:
 
     def attributes(self) -> dict[str, Any]:
         """Return what a result needs to be run again from itself."""
-        request, wired = self.request, self.probe
-        return {
-            "schema_version": SCHEMA_VERSION,
-            "system": request.system,
-            "variant": request.variant or "",
-            **self.found.attributes,
-            **({"system_files": json.dumps(files)} if (files := companions(self.found, request.scenario)) else {}),
-            "seed": request.seed,
-            "first_trial": request.first_trial,
-            "trials": request.trials,
-            **({} if self.recorded is None else {"tracks": len(self.recorded.tracks)}),
-            "keep": request.keep,
-            "every": request.every,
-            "version": quietfix_version(),
-            "frame": wired.model.axes.name,
-            "note": wired.note,
-            "divergence_m": wired.model.divergence,
-            "scenario": dump(request.scenario, comments=False),
-            **({} if wired.model.convergence is None else {"convergence_m": wired.model.convergence}),
-        }
+        return attributes_of(self.request, self.found, self.probe)

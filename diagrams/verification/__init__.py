@@ -4,6 +4,6 @@
 trials, `sequential` the looks and the verdict, `trials` the study that grows, `verify` all together. Nothing is
 imported here: pytest loads the plugin of this package in every session.
 
-May import: diagrams.assembly, diagrams.quantities, diagrams.schema, diagrams.statistics, diagrams.studies,
-diagrams.tables, systems.
+May import: diagrams.assembly, diagrams.chunks, diagrams.quantities, diagrams.schema, diagrams.statistics,
+diagrams.studies, diagrams.tables, systems.
 """

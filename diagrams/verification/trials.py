@@ -3,24 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from quietfix.diagrams.assembly.find import find
 from quietfix.diagrams.assembly.lineup import estimator_key
+from quietfix.diagrams.chunks.jobs import Job
+from quietfix.diagrams.chunks.part import added
 from quietfix.diagrams.schema.errors import UserError, choose
 from quietfix.diagrams.studies.study import Study
 from quietfix.diagrams.verification.metrics import RmseRatio
 from quietfix.diagrams.verification.specification import Requirement, Specification
 from quietfix.diagrams.verification.study_view import StudyFacts, StudyView
 
-__all__ = ["GrowingStudy"]
+__all__ = ["GrowingStudy", "NotYet"]
 
 Array = NDArray[np.float64]
+Kept = Mapping[str, NDArray[Any]]
+
+
+class NotYet(Exception):
+    """Trials are asked for that have not been run: those of a case up to a look."""
+
+    def __init__(self, case: str, look: int) -> None:
+        super().__init__(case, look)
+        self.case, self.look = case, look
 
 
 class GrowingStudy:
@@ -38,9 +50,7 @@ class GrowingStudy:
         The numbers of trials that will be asked for.
     seed : int
         Seed of all noise.
-    progress : bool
-        Show a progress bar.
-    threads : int
+    chunk, threads : int
         As of `quietfix.diagrams.run_study`.
 
     Raises
@@ -56,19 +66,23 @@ class GrowingStudy:
         case: str,
         looks: Sequence[int],
         seed: int,
-        progress: bool = False,
+        chunk: int | None = None,
         threads: int = 1,
     ) -> None:
         self.requirements = [r for r in specification.requirements if r.case == case]
-        self.looks = tuple(looks)
-        self._progress = progress
+        self.looks, self.case = tuple(looks), case
         options = _options(specification, path, case, self.requirements)
-        self._study = Study(**options, trials=self.looks[-1], seed=seed, threads=threads)
+        self._study = Study(**options, trials=self.looks[-1], seed=seed, chunk=chunk, threads=threads)
+        self.plan = self._study.plan(command="verify")
+        self._beside = path.parent
+        self._counts = np.diff([0, *self.looks]).tolist()
+        self._widths = self._study.widths(self._counts)
         self.run = StudyFacts(self._study.probe)
         self.version = str(self._study.attributes()["version"])
         for i, requirement in enumerate(specification.requirements):
             if requirement.case == case:
                 self._check(requirement, f"requirements.{i}")
+        self._parts: dict[tuple[int, int], tuple[Array | None, Kept]] = {}
         self._samples: list[list[Array]] = []
         self._squares: list[list[float | None]] = []
 
@@ -88,20 +102,44 @@ class GrowingStudy:
 
     # ---- growing
 
+    def chunks(self, look: int) -> int:
+        """Return into how many chunks the trials are cut that a look has more than the one before."""
+        return -(-self._counts[look] // self._widths[look])
+
+    def job(self, look: int) -> Job:
+        """Return what is to be run for a look; chunks that are there already are left out."""
+        numbers = [number for number in range(self.chunks(look)) if (look, number) not in self._parts]
+        first = self.looks[look - 1] if look else 0
+        return Job(self._study, self.plan, numbers, first, self._counts[look], self._widths[look], self._beside)
+
+    def reduced(self, chunk: xr.Dataset) -> Kept:
+        """Return what is kept of a chunk: by requirement, what it takes of every trial."""
+        view = StudyView(chunk)
+        return {str(i): r.measured.reduce(view, r.estimator, self.run) for i, r in enumerate(self.requirements)}
+
+    def take(self, look: int, number: int, sums: Array | None, kept: Kept) -> None:
+        """Keep a chunk: its part of the sums, and what `reduced` gives of it."""
+        self._parts[look, number] = sums, kept
+
     def _grow(self) -> None:
-        """Run the trials up to the next look."""
-        k = len(self._samples)
-        first = self.looks[k - 1] if k else 0
-        parts: list[list[Array]] = [[] for _ in self.requirements]
-        squares: list[float | None] = []
-        for chunk in self._study.chunks(self._progress, first, self.looks[k] - first):
-            view = StudyView(chunk)
-            for r, found in zip(self.requirements, parts, strict=True):
-                found.append(r.measured.reduce(view, r.estimator, self.run))
-            if chunk["trial"].values[-1] == self.looks[k] - 1:  # the last chunk carries the bounds
-                squares = [r.measured.bound_square(chunk, r.estimator, self.run) for r in self.requirements]
-        self._samples.append([np.concatenate(found) for found in parts])
-        self._squares.append(squares)
+        """Add the trials up to the next look.
+
+        Raises
+        ------
+        NotYet
+            If they have not been run.
+        """
+        look = len(self._samples)
+        numbers = range(self.chunks(look))
+        if any((look, number) not in self._parts for number in numbers):
+            raise NotYet(self.case, look)
+        parts = [self._parts.pop((look, number)) for number in numbers]
+        found = self._study.bounds(added(sums for sums, _ in parts), self.run.epochs)
+        bounds = xr.Dataset(found, {"estimator": self.run.estimators})
+        self._samples.append(
+            [np.concatenate([kept[str(i)] for _, kept in parts]) for i in range(len(self.requirements))]
+        )
+        self._squares.append([r.measured.bound_square(bounds, r.estimator, self.run) for r in self.requirements])
 
     def samples(self, requirement: Requirement, trials: int) -> Array:
         """Return the samples (n, columns) of the first `trials` trials, without those that have none.
@@ -110,6 +148,8 @@ class GrowingStudy:
         ------
         UserError
             If no trial has one, or the system has no such bound.
+        NotYet
+            If so many have not been run.
         """
         place = next(i for i, r in enumerate(self.requirements) if r is requirement)
         segments = self.looks.index(trials) + 1

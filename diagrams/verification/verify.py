@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from quietfix.diagrams.assembly.source import beside
+from quietfix.diagrams.chunks.jobs import Runner, run_here
+from quietfix.diagrams.chunks.plan import Plan
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.schema.origins import Origins
 from quietfix.diagrams.statistics.sequential import FAILS, UNDECIDED, WORDS, judge
@@ -16,9 +19,11 @@ from quietfix.diagrams.studies.request import check_threads
 from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
 from quietfix.diagrams.tables.verification import limit_words, readable
 from quietfix.diagrams.verification.specification import Requirement, Specification, read_specification
-from quietfix.diagrams.verification.trials import GrowingStudy
+from quietfix.diagrams.verification.trials import Array, GrowingStudy, Kept, NotYet
 
 __all__ = ["Finding", "Report", "Verification", "verify"]
+
+Keep = Callable[[int, Array | None, Kept], None]
 
 
 @dataclass(frozen=True)
@@ -159,10 +164,10 @@ class Verification:
         Trials at the last look, instead of the file's.
     seed : int, optional
         Instead of the file's.
-    progress : bool
-        Show a progress bar.
-    threads : int
+    chunk, threads : int
         As of `quietfix.diagrams.run_study`.
+    runner : callable
+        Who runs the trials.
 
     Raises
     ------
@@ -175,8 +180,9 @@ class Verification:
         path: Path | str,
         trials: int | None = None,
         seed: int | None = None,
-        progress: bool = False,
+        chunk: int | None = None,
         threads: int = 1,
+        runner: Runner = run_here,
     ) -> None:
         self.path = Path(path)
         self.specification = read_specification(self.path)
@@ -186,8 +192,9 @@ class Verification:
             raise UserError(f"--seed: {seed} is not allowed; a whole number >= 0")
         self.looks = self.specification.looks_at(trials)
         self.seed = self.specification.seed if seed is None else seed
-        self._threads = check_threads(threads, self.looks[-1])
-        self._progress = progress
+        self._chunk, self._threads = chunk, check_threads(threads, self.looks[-1])
+        self._runner = runner
+        self._keep: Keep | None = None
         self._studies: dict[str, GrowingStudy] = {}
 
     def build(self) -> None:
@@ -206,7 +213,7 @@ class Verification:
             with beside(self.path.parent):
                 try:
                     self._studies[case] = GrowingStudy(
-                        self.specification, self.path, case, self.looks, self.seed, self._progress, self._threads
+                        self.specification, self.path, case, self.looks, self.seed, self._chunk, self._threads
                     )
                 except ValueError as error:  # a block says what is wrong with its arguments in the user's words
                     own = str(error).startswith("requirements.")
@@ -214,19 +221,83 @@ class Verification:
                     raise UserError(f"{place}: {where}{error}") from error
         return self._studies[case]
 
+    @property
+    def plan(self) -> Plan:
+        """What is asked for; its chunks are those of the first look at the first case, of the second, and so on."""
+        asked: dict[str, Any] = {"command": "verify", "seed": self.seed, "looks": list(self.looks)}
+        asked["requirements"] = self.path.read_text(encoding="utf-8")
+        for case, study in self._studies.items():
+            where = f"case {case}: " if case else ""
+            asked |= {f"{where}{key}": value for key, value in study.plan.asked.items() if key != "command"}
+            asked[f"{where}chunk"] = study.plan.chunk
+        return Plan(asked, len(self._numbers), 1)
+
+    @property
+    def _numbers(self) -> dict[tuple[str, int, int], int]:
+        """Which chunk of all it is, by case, look and number."""
+        looks = range(len(self.looks))
+        places = [(c, k, n) for c, study in self._studies.items() for k in looks for n in range(study.chunks(k))]
+        return {place: i for i, place in enumerate(places)}
+
+    def resume(self, finished: Mapping[int, tuple[Array | None, Kept]], keep: Keep) -> None:
+        """Take chunks that were finished before, and have those that are run kept.
+
+        Parameters
+        ----------
+        finished : mapping of int to tuple
+            Of a chunk its part of the sums, and what was kept of it.
+        keep : callable
+            Gets number, sums and what is to be kept.
+        """
+        self._keep = keep
+        for (case, look, number), place in self._numbers.items():
+            if place in finished:
+                self._studies[case].take(look, number, *finished[place])
+
+    def _grow(self, wanted: Sequence[tuple[str, int]]) -> None:
+        """Run the trials of cases up to a look."""
+        numbers = self._numbers if self._keep is not None else {}
+        jobs = [self._studies[case].job(look) for case, look in wanted]
+        for which, part in self._runner(jobs):
+            case, look = wanted[which]
+            kept = self._studies[case].reduced(part.dataset)
+            if self._keep is not None:
+                self._keep(numbers[case, look, part.number], part.sums, kept)
+            self._studies[case].take(look, part.number, part.sums, kept)
+            del part
+
     def judge(self, requirement: Requirement) -> Finding:
         """Run as many trials as this requirement needs, and judge it."""
+        (finding,) = self.judge_all([requirement])
+        return finding
+
+    def judge_all(self, requirements: Sequence[Requirement]) -> tuple[Finding, ...]:
+        """Run as many trials as each of these requirements needs, those of all cases together, and judge them."""
+        found: dict[int, Finding] = {}
+        while len(found) < len(requirements):
+            wanted: dict[tuple[str, int], None] = {}
+            with beside(self.path.parent):
+                for i, requirement in enumerate(requirements):
+                    if i not in found:
+                        try:
+                            found[i] = self._judged(requirement)
+                        except NotYet as more:
+                            wanted[more.case, more.look] = None
+                if wanted:
+                    self._grow(list(wanted))
+        return tuple(found[i] for i in range(len(requirements)))
+
+    def _judged(self, requirement: Requirement) -> Finding:
         study = self._study(requirement.case)
         metric, confidence = requirement.measured, requirement.confidence
         assert confidence is not None
-        with beside(self.path.parent):
-            found = judge(
-                lambda n: study.samples(requirement, n),
-                metric.statistic(study.run),
-                requirement.limit,
-                confidence,
-                self.looks,
-            )
+        found = judge(
+            lambda n: study.samples(requirement, n),
+            metric.statistic(study.run),
+            requirement.limit,
+            confidence,
+            self.looks,
+        )
         return Finding(
             requirement,
             metric.unit(study.run),
@@ -238,9 +309,20 @@ class Verification:
             requirement.limit.tail(confidence, len(self.looks)),
         )
 
+    def report(self) -> Report:
+        """Judge all requirements."""
+        self.build()
+        findings = self.judge_all(self.specification.requirements)
+        return Report(self.path, self.specification, self.seed, self.looks, findings, self.version)
+
 
 def verify(
-    path: Path | str, *, trials: int | None = None, seed: int | None = None, progress: bool = False, threads: int = 1
+    path: Path | str,
+    *,
+    trials: int | None = None,
+    seed: int | None = None,
+    chunk: int | None = None,
+    threads: int = 1,
 ) -> Report:
     """Judge all requirements of a file.
 
@@ -250,9 +332,7 @@ def verify(
         A requirements file; see `quietfix.diagrams.verification.specification.Specification`.
     trials, seed : int, optional
         Trials at the last look and seed, instead of the file's.
-    progress : bool
-        Show a progress bar on a terminal.
-    threads : int
+    chunk, threads : int
         As of `quietfix.diagrams.run_study`.
 
     Returns
@@ -264,8 +344,4 @@ def verify(
     UserError
         For a mistake in the file, naming field, value and what is allowed.
     """
-    verification = Verification(path, trials, seed, progress, threads)
-    verification.build()
-    findings = tuple(verification.judge(requirement) for requirement in verification.specification.requirements)
-    made = verification
-    return Report(made.path, made.specification, made.seed, made.looks, findings, made.version)
+    return Verification(path, trials, seed, chunk, threads).report()

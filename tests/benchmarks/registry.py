@@ -21,6 +21,7 @@ COMPARISONS: dict[str, str] = {
     "particle_filter": "tests.benchmarks.particle_filter:compare",
     "satellite_ranging": "tests.benchmarks.satellite_ranging:compare",
     "cross_ambiguity": "tests.benchmarks.cross_ambiguity:compare",
+    "workers": "tests.benchmarks.workers:compare",
 }
 """Function of each comparison, ``compare(size: Size) -> Section``, as ``module:function``."""
 

@@ -50,7 +50,7 @@ def test_what_is_written_runs_and_its_requirements_are_read(capsys, folder, kind
 @pytest.mark.parametrize("kind", KINDS)
 def test_requirements_hold_at_every_seed(capsys, kind, seed):
     in_process(capsys, "new", "mine", *kind)
-    assert verify_command(Path("mine.requirements.yaml"), None, seed, None, False) == 0
+    assert verify_command(Path("mine.requirements.yaml"), None, False, seed=seed) == 0
 
 
 def test_limits_come_from_the_system_without_a_template_too(capsys, folder):

@@ -285,14 +285,14 @@ def test_interrupt_keeps_the_finished_points(tmp_path):
     running = subprocess.Popen(
         command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True, preexec_fn=listening
     )
-    store = tmp_path / "cut.partial" / "results.zarr" / "point"
+    chunk = tmp_path / "cut.partial" / ".quietfix-chunks" / "0.npz"
     until = time.monotonic() + 120
-    while not store.exists() and running.poll() is None and time.monotonic() < until:
+    while not chunk.exists() and running.poll() is None and time.monotonic() < until:
         time.sleep(0.1)
     time.sleep(1.0)
     running.send_signal(signal.SIGINT)
     _, err = running.communicate(timeout=60)
-    assert running.returncode == 130 and "points are kept" in err, err
+    assert running.returncode == 130 and "of 20 chunks are kept" in err and "of 20 points are whole" in err, err
     kept = json.loads((tmp_path / "cut.partial" / "sweep.json").read_text())
     assert 1 <= len(kept["values"]) < 20 and not (tmp_path / "cut").exists()
     assert open_result(tmp_path / "cut.partial").sizes["point"] == len(kept["values"])

@@ -117,7 +117,7 @@ def test_a_kill_at_every_change_on_disk_leaves_the_old_or_the_new_result(folder,
 
 def test_a_kill_between_the_two_renames_loses_nothing(folder, capsys, monkeypatch):
     write_result(folder / "d")
-    monkeypatch.setattr(ShortStudy, "request", SimpleNamespace(trials=3, system="three_satellite"))
+    monkeypatch.setattr(ShortStudy, "request", SimpleNamespace(trials=3, system="three_satellite", threads=1))
 
     def work():
         def hook(event, arguments):
@@ -274,7 +274,7 @@ def test_a_full_disk_is_one_line_and_keeps_finished_chunks(tmp_path, monkeypatch
     try:
         shorten(monkeypatch)
         monkeypatch.chdir(disk)
-        monkeypatch.setattr(ShortStudy, "request", SimpleNamespace(trials=1000, system="three_satellite"))
+        monkeypatch.setattr(ShortStudy, "request", SimpleNamespace(trials=1000, system="three_satellite", threads=1))
         monkeypatch.setattr(ShortStudy, "size", 1)
         monkeypatch.setattr(
             ShortStudy, "chunk", lambda self, k, n: chunk(k, n).assign(noise=(["trial", "time"], random_row(k)))

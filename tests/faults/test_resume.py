@@ -24,7 +24,7 @@ from tests.faults.test_kill import EVENTS, child, random_row
 from tests.faults.tree import ShortStudy, chunk, picture, quietfix, shorten
 
 RESUME = ["run", "three_satellite", "--resume", "d"]
-SIX = SimpleNamespace(trials=6, system="three_satellite")
+SIX = SimpleNamespace(trials=6, system="three_satellite", threads=1)
 SHORT = ["duration_s=4"]
 
 

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from quietfix.diagrams.chunks.plan import Plan
+from quietfix.diagrams.scale.crew import check_workers, parts_by
 from quietfix.diagrams.scale.resuming import joined
-from quietfix.diagrams.scale.workers import check_workers, parts_by, run_chunk
+from quietfix.diagrams.scale.workers import run_chunk
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.studies.study import Study
 from quietfix.diagrams.studies.whole import run_study
@@ -54,17 +55,38 @@ def test_options_that_make_no_sense_are_one_line():
             check_workers(workers, scheduler)
 
 
+REQUIREMENTS = """
+system: three_satellite
+set: [duration_s=2]
+trials: 60
+trial_limit: 60
+looks: 1
+requirements:
+  - {metric: !Rmse {of: position, time_s: 2}, estimator: iekf, at_most: 1000000.0}
+"""
+
+
 @pytest.mark.slow
-def test_no_cluster_is_imported_without_the_option(tmp_path):
-    """Of dask itself xarray imports its arrays, wherever it is installed."""
+def test_nothing_of_dask_is_imported_without_the_options(tmp_path):
+    """Of itself xarray imports it wherever it is installed; see that it can be, and that later code can have it."""
     program = (
         "import sys\nfrom quietfix.diagrams.commands.command_line import main\n"
-        "try: main()\n"
-        "finally: print([name for name in sys.modules if name.split('.')[0] == 'distributed'])"
+        "for arguments in (line.split() for line in sys.stdin):\n"
+        "    try: main(arguments)\n"
+        "    except SystemExit as ended: assert not ended.code, (arguments, ended.code)\n"
+        "print([name for name in sys.modules if name.split('.')[0] in ('dask', 'distributed')])\n"
+        "import distributed\nprint('it is there')"
     )
-    arguments = ["run", "three_satellite", "--trials", "2", "--set", "duration_s=2", "--estimator", "iekf"]
-    done = subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, cwd=tmp_path)
-    assert done.stdout.rstrip().endswith("[]"), done.stdout + done.stderr
+    pytest.importorskip("distributed")
+    (tmp_path / "r.yaml").write_text(REQUIREMENTS)
+    short = "--trials 4 --set duration_s=2 --estimator iekf"
+    commands = [f"run three_satellite {short} --out r", "verify r.yaml", f"compare three_satellite {short}"]
+    commands.append(f"sweep three_satellite {short} --vary truth.sigma_tdoa_ns=10,20")
+    done = subprocess.run(
+        [sys.executable, "-c", program], input="\n".join(commands), capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.stdout.rstrip().endswith("\n[]\nit is there"), done.stdout + done.stderr
+    assert done.returncode == 0
 
 
 @pytest.mark.slow

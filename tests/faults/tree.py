@@ -48,7 +48,7 @@ def chunk(first, count):
 class ShortStudy:
     """Stands for `quietfix.diagrams.studies.study.Study` where what is written matters, and not what is in it."""
 
-    request = SimpleNamespace(trials=4, system="three_satellite")
+    request = SimpleNamespace(trials=4, system="three_satellite", threads=1)
     picture, probe = None, SimpleNamespace(dashed=(), contents=())  # `draw` below does not look at them
     recorded = None
 
@@ -64,7 +64,9 @@ class ShortStudy:
         """Return what is asked for: two chunks."""
         return Plan({**chunk(0, 1).attrs, **also}, self.request.trials, self.size)
 
-    def parts(self, progress=False, numbers=None):
+    system = SimpleNamespace(name="three_satellite")
+
+    def parts(self, progress=False, first=0, count=None, numbers=None, width=None):
         """Yield them."""
         for number in range(self.plan().chunks):
             if numbers is None or number in numbers:

@@ -1,5 +1,5 @@
 """The commands that judge: comparisons, sweeps, requirements.
 
-May import: diagrams.assembly, diagrams.console, diagrams.experiments, diagrams.figures, diagrams.schema,
-diagrams.statistics, diagrams.studies, diagrams.tables, diagrams.verification.
+May import: diagrams.assembly, diagrams.chunks, diagrams.console, diagrams.experiments, diagrams.figures,
+diagrams.scale, diagrams.schema, diagrams.statistics, diagrams.studies, diagrams.tables, diagrams.verification.
 """

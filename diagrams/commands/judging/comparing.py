@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import json
-import sys
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from quietfix.diagrams.assembly.find import Found, find
+from quietfix.diagrams.commands.judging.compared import Comparing, compared
 from quietfix.diagrams.console.tables import print_table
 from quietfix.diagrams.console.terminal import say
-from quietfix.diagrams.experiments.candidates import Lineup
 from quietfix.diagrams.experiments.compare import prepare
-from quietfix.diagrams.experiments.compared_study import ComparedStudy
-from quietfix.diagrams.experiments.comparison import check_at, comparison_statistics
+from quietfix.diagrams.experiments.comparison import check_at
+from quietfix.diagrams.scale.crew import Crew
+from quietfix.diagrams.scale.resuming import begun_or_interrupted
 from quietfix.diagrams.schema.errors import UserError, choose
 from quietfix.diagrams.studies.output import OutputFolder
 from quietfix.diagrams.studies.recordings import with_data
-from quietfix.diagrams.studies.results import open_result, write_summary
-from quietfix.diagrams.studies.whole import join
 from quietfix.diagrams.tables.comparison import comparison_markdown, comparison_notes, comparison_table
 
 __all__ = ["FORMATS", "compare_command"]
@@ -35,32 +31,37 @@ def compare_command(
     format_: str,
     out: Path | None,
     overwrite: bool,
+    resume: Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
 ) -> None:
     """Compare estimators on one or more systems; see ``quietfix compare --help``."""
     choose("format", format_, FORMATS)
+    out = begun_or_interrupted(out, resume)
     chosen_systems = [find(name) for name in systems]
     folders = _folders(chosen_systems, out)
     for path in folders.values():
-        if path is not None:
+        if path is not None and resume is None:
             OutputFolder.check(path, overwrite)
-    # before anything runs: mistakes show early
-    data, settings = options.get("data"), options.get("set")
-    asked = {key: value for key, value in options.items() if key not in ("data", "set")}
-    prepared = [
-        (found.title, *prepare(found, set=with_data(found, settings, data), **asked)) for found in chosen_systems
-    ]
-    for _, study, _ in prepared:
-        check_at(study, at)
-    done = []
-    for name, study, chosen in prepared:
-        folder = folders[name]
-        done.append(_one(study, chosen, at, folder, overwrite))
-        if format_ == "table":
-            print_table(comparison_table(done[-1]))
-            for line in comparison_notes(done[-1]):
-                say(line)
-            if folder is not None:
-                print(f"wrote {folder}: comparison.json, results.zarr, summary.json, figures")
+    with Crew(workers, scheduler, options.get("threads", 1)) as crew:
+        # before anything runs: mistakes show early
+        data, settings = options.get("data"), options.get("set")
+        asked = {key: value for key, value in options.items() if key not in ("data", "set")}
+        prepared = [
+            (found.title, *prepare(found, set=with_data(found, settings, data), **asked)) for found in chosen_systems
+        ]
+        for _, study, _ in prepared:
+            check_at(study, at)
+        work = [Comparing(study, chosen, at, folders[name], overwrite, resume) for name, study, chosen in prepared]
+        done = []
+        for one in compared(work, crew):
+            done.append(one.found)
+            if format_ == "table":
+                print_table(comparison_table(one.found))
+                for line in comparison_notes(one.found):
+                    say(line)
+                if one.out is not None and one.wrote:
+                    print(f"wrote {one.out}: comparison.json, results.zarr, summary.json, figures")
     if format_ == "markdown":
         print(comparison_markdown(done), end="")
 
@@ -76,36 +77,3 @@ def _folders(systems: Sequence[Found], out: Path | None) -> dict[str, Path | Non
             raise UserError(f"SYSTEM: {found.title} is not allowed with --out; another one is called {found.slug}, too")
         folders[found.title] = path
     return folders
-
-
-def _one(study: ComparedStudy, chosen: Lineup, at: float | None, out: Path | None, overwrite: bool) -> dict[str, Any]:
-    began = time.monotonic()
-    if out is None:
-        found = comparison_statistics(join(list(study.chunks(progress=True))), study, chosen, at=at)
-        return found | {"run_seconds": round(time.monotonic() - began, 3)}
-    from quietfix.diagrams.figures import study_figures
-    from quietfix.diagrams.figures.comparison import draw_comparison
-    from quietfix.diagrams.figures.style import save
-    from quietfix.diagrams.statistics.metrics import summarise
-
-    with OutputFolder(out, overwrite, "compare") as folder:
-        try:
-            for chunk in study.chunks(progress=True):
-                folder.append(chunk)
-        except KeyboardInterrupt:
-            if folder.chunks:
-                kept = open_result(folder.store).sizes["trial"]
-                print(
-                    f"quietfix: {kept} of {study.request.trials} trials are kept in {folder.partial}", file=sys.stderr
-                )
-            raise
-        dataset = open_result(folder.store).load()
-        found = comparison_statistics(dataset, study, chosen, at=at)
-        found["run_seconds"] = round(time.monotonic() - began, 3)
-        text = json.dumps(found, indent=1, allow_nan=False) + "\n"
-        (folder.work / "comparison.json").write_text(text, encoding="utf-8")
-        write_summary(folder.work / "summary.json", dataset, summarise(dataset), began)
-        save(draw_comparison(found), folder.work / "comparison.png")
-        study_figures(dataset, folder.work)
-        folder.finish()
-    return found

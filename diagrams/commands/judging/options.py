@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from quietfix.diagrams.console.arguments import (
+    AGAIN,
+    CHUNK,
     COMPARED,
     DATA,
     ESTIMATOR,
     OVERWRITE,
     SCENARIO,
+    SCHEDULER,
     SEED,
     SET,
     SMOOTH,
@@ -20,6 +23,7 @@ from quietfix.diagrams.console.arguments import (
     THREADS,
     TRIALS,
     VARY,
+    WORKERS,
     number,
     whole,
     with_smoothers,
@@ -41,16 +45,26 @@ def compare(
     format_: Annotated[str, typer.Option("--format", help="table or markdown.")] = "table",
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write comparison.json, results, figures.")] = None,
     data: Annotated[list[Path] | None, DATA] = None,
+    chunk: Annotated[int | None, CHUNK] = None,
     threads: Annotated[int, THREADS] = 1,
+    resume: Annotated[Path | None, AGAIN] = None,
+    workers: Annotated[int | None, WORKERS] = None,
+    scheduler: Annotated[str | None, SCHEDULER] = None,
     overwrite: Annotated[bool, OVERWRITE] = False,
     smooth: Annotated[bool, SMOOTH] = False,
 ) -> None:
     """Compare estimators on one stream of measurements: errors, bounds, consistency, cost, who is the best."""
     from quietfix.diagrams.commands.judging.comparing import compare_command
 
-    asked = with_smoothers(estimators, smooth)
-    options = {"estimators": asked, "trials": trials, "seed": seed, "set": settings, "scenario": scenario}
-    compare_command(systems, options | {"data": data, "threads": threads}, at, format_, out, overwrite)
+    options: dict[str, Any] = {
+        "estimators": with_smoothers(estimators, smooth),
+        "trials": trials,
+        "seed": seed,
+        "set": settings,
+        "scenario": scenario,
+    }
+    options |= {"data": data, "chunk": chunk, "threads": threads}
+    compare_command(systems, options, at, format_, out, overwrite, resume, workers, scheduler)
 
 
 def sweep(
@@ -65,14 +79,19 @@ def sweep(
     settings: Annotated[list[str] | None, SET] = None,
     scenario: Annotated[Path | None, SCENARIO] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write sweep.json, results and a figure.")] = None,
+    chunk: Annotated[int | None, CHUNK] = None,
     threads: Annotated[int, THREADS] = 1,
+    resume: Annotated[Path | None, AGAIN] = None,
+    workers: Annotated[int | None, WORKERS] = None,
+    scheduler: Annotated[str | None, SCHEDULER] = None,
     overwrite: Annotated[bool, OVERWRITE] = False,
 ) -> None:
     """Vary one number of a scenario on the same noise: what a mismatch costs, and whether the covariance tells."""
     from quietfix.diagrams.commands.judging.sweeping import sweep_command
 
-    options = {"estimators": estimators, "trials": trials, "seed": seed, "at": at, "set": settings}
-    sweep_command(system, vary, options | {"scenario": scenario, "threads": threads}, out, overwrite)
+    options: dict[str, Any] = {"estimators": estimators, "trials": trials, "seed": seed, "at": at, "set": settings}
+    options |= {"scenario": scenario, "chunk": chunk, "threads": threads}
+    sweep_command(system, vary, options, out, overwrite, resume, workers, scheduler)
 
 
 def verify(
@@ -84,7 +103,11 @@ def verify(
         int | None, typer.Option(parser=whole, metavar="N", help="Seed of all noise, instead of the file's.")
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write verification.json and a figure here.")] = None,
+    chunk: Annotated[int | None, CHUNK] = None,
     threads: Annotated[int, THREADS] = 1,
+    resume: Annotated[Path | None, AGAIN] = None,
+    workers: Annotated[int | None, WORKERS] = None,
+    scheduler: Annotated[str | None, SCHEDULER] = None,
     overwrite: Annotated[bool, OVERWRITE] = False,
 ) -> None:
     """Judge requirements: each holds, fails, or is undecided after as many trials as the file allows.
@@ -93,4 +116,5 @@ def verify(
     """
     from quietfix.diagrams.commands.judging.verifying import verify_command
 
-    raise typer.Exit(verify_command(file, trials, seed, out, overwrite, threads))
+    options = {"trials": trials, "seed": seed, "chunk": chunk, "threads": threads}
+    raise typer.Exit(verify_command(file, out, overwrite, resume, workers, scheduler, **options))

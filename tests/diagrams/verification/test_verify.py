@@ -230,4 +230,5 @@ def test_interrupt_is_status_130(tmp_path):
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
     assert "interrupted" in err and "Traceback" not in err
-    assert not (tmp_path / "out").exists() and not (tmp_path / "out.partial").exists()
+    assert not (tmp_path / "out").exists()
+    assert (tmp_path / "out.partial").exists() == ("chunks are kept" in err)

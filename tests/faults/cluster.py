@@ -1,0 +1,158 @@
+"""A cluster of two workers on loopback, as a user starts it, and commands in processes of their own."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import traceback
+from pathlib import Path
+
+import psutil
+
+from quietfix.diagrams.commands import command_line
+
+_PATIENCE = 120  # s, of a machine that has much else to do
+
+
+def until(true, what, patience=_PATIENCE):
+    """Wait until something is true."""
+    end = time.monotonic() + patience
+    while not (found := true()):
+        assert time.monotonic() < end, f"{what}: not within {patience} s"
+        time.sleep(0.02)
+    return found
+
+
+class Cluster:
+    """`dask scheduler` and two `dask worker`."""
+
+    def __init__(self, folder):
+        self.folder, self.processes, self.begun = Path(folder), [], 0
+        self.address = ""
+
+    def start(self):
+        """Begin, and wait for both workers."""
+        self.begun += 1
+        where = self.folder / f"cluster{self.begun}"
+        where.mkdir(parents=True)
+        file = where / "scheduler.json"
+        self._run("scheduler", where, "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file))
+        until(lambda: file.exists() and file.read_text().strip().endswith("}"), "a scheduler")
+        self.address = file.read_text().split('"address": "')[1].split('"')[0]
+        for name in "ab":
+            options = [
+                "--nthreads",
+                "1",
+                "--local-directory",
+                str(where),
+                "--preload",
+                "quietfix.diagrams.scale.workers",
+            ]
+            self._run("worker", where, self.address, "--name", name, *options, log=name)
+        for name in "ab":
+            until(lambda log=where / f"{name}.log": "Registered to" in log.read_text(), "a worker")
+        return self
+
+    def _run(self, what, where, *arguments, log="scheduler"):
+        command = [sys.executable, "-m", f"distributed.cli.dask_{what}", "--no-dashboard", *arguments]
+        with (where / f"{log}.log").open("w") as stream:
+            self.processes.append(subprocess.Popen(command, stdout=stream, stderr=stream, cwd=where))
+
+    @property
+    def scheduler(self):
+        """Number of the scheduler's process."""
+        return self.processes[0].pid
+
+    def workers(self):
+        """Numbers of the processes that run chunks, which are children of those that were started."""
+        return [pid for process in self.processes[1:] for pid in spawned(process.pid)]
+
+    def stop(self):
+        """End all that were started, with their children."""
+        family = [one for process in self.processes for one in _family(process.pid)]
+        for one in family:
+            if one.is_running():
+                one.kill()
+        for process in self.processes:
+            process.wait()
+        psutil.wait_procs(family, 10)
+        self.processes = []
+
+
+def _family(pid):
+    try:
+        process = psutil.Process(pid)
+        return [process, *process.children(recursive=True)]
+    except psutil.NoSuchProcess:
+        return []
+
+
+def spawned(pid):
+    """Return the numbers of the workers among the children of a process."""
+    found = []
+    for child in _family(pid)[1:]:
+        try:
+            if "spawn_main" in " ".join(child.cmdline()):
+                found.append(child.pid)
+        except psutil.Error:  # it has just ended
+            continue
+    return found
+
+
+class Command:
+    """A command in a forked process, which need not import all again; what it says goes to a file."""
+
+    def __init__(self, log, *arguments):
+        self.log = Path(log)
+        ready, say = os.pipe()
+        self.pid = os.fork()
+        if self.pid == 0:
+            status = 70
+            try:
+                os.close(ready)
+                os.setsid()
+                stream = self.log.open("w", buffering=1)
+                os.dup2(stream.fileno(), 1), os.dup2(stream.fileno(), 2)
+                sys.stdout = sys.stderr = stream
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+                signal.signal(signal.SIGTERM, signal.SIG_DFL)
+                os.write(say, b"x")
+                command_line.main([str(argument) for argument in arguments])
+            except SystemExit as ended:
+                status = ended.code or 0
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(status)
+        os.close(say)
+        assert os.read(ready, 1) == b"x"
+        os.close(ready)
+        self.began = time.monotonic()
+        self.status = None
+
+    def running(self):
+        """Return whether it has not ended."""
+        if self.status is None:
+            pid, ended = os.waitpid(self.pid, os.WNOHANG)
+            self.status = os.waitstatus_to_exitcode(ended) if pid else None
+        return self.status is None
+
+    def wait(self):
+        """Wait for its end, and return its status: negative for a signal."""
+        until(lambda: not self.running(), f"{self.log.name}: {self.said()}")
+        return self.status
+
+    def said(self):
+        """Return what it has said."""
+        return self.log.read_text()
+
+    def kill(self, number, pid=None):
+        """Send a signal to it, or to a process of its; return whether that was there."""
+        if not self.running():
+            return False
+        try:
+            os.kill(pid or self.pid, number)
+        except ProcessLookupError:
+            return False
+        return True
