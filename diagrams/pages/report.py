@@ -11,6 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
@@ -95,6 +96,8 @@ def _read(path: Path) -> dict[str, Any]:
 def _of_store(folder: Path, told: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
     """Return what the template needs of a result that has trials."""
     dataset = open_result(folder)
+    if "system" not in dataset.attrs:
+        raise UserError(f"RESULT: {folder} is damaged: its results.zarr names no system")
     attributes = read_attributes(folder / "results.zarr")
     variant = f":{attributes['variant']}" if attributes.get("variant") else ""
     title = f"{attributes['system']}{variant}"
@@ -164,6 +167,7 @@ def _sweep(found: dict[str, Any], data: dict[str, Any]) -> dict[str, Any]:
     }
     return {
         "kind": "sweep",
+        "scenario_note": f"At the first point; the others differ in {found['key']} alone.",
         "table": _rows(sweep_table(found)),
         "notes": [sweep_legend(found)],
         "data": data,
@@ -205,14 +209,15 @@ def _verification(found: dict[str, Any]) -> dict[str, Any]:
 
 
 def _facts(attributes: Mapping[str, Any], dataset: xr.Dataset) -> list[tuple[str, str]]:
-    time = dataset["time"].values
-    last = float(time.max()) if time.size else 0.0
+    name = "time" if "time" in dataset.coords else "at"  # a sweep has one time for each point
+    time = np.asarray(dataset[name].values if name in dataset.variables else [], dtype=float)
+    last = float(np.nanmax(time, initial=0.0))
     names = [str(name) for name in dataset["estimator"].values] if "estimator" in dataset.coords else []
     facts = [
         ("trials", str(dataset.sizes.get("trial", attributes.get("trials", "?")))),
         ("estimators", ", ".join(names) or "none"),
         ("until", f"{last:g} s"),
-        ("epochs kept", f"one of {every}" if (every := attributes.get("every", 1)) != 1 else ""),
+        ("epochs kept", f"one of {every}" if name == "time" and (every := attributes.get("every", 1)) != 1 else ""),
         ("seed", str(attributes.get("seed"))),
         ("frame", str(attributes.get("frame", "")).replace("_", "-")),
         ("Quietfix", str(attributes.get("version"))),
