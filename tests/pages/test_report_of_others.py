@@ -10,8 +10,8 @@ from quietfix.diagrams.pages.report import report_page
 
 REQUIREMENTS = """
 system: three_satellite
-trials: 10
-trial_limit: 20
+trials: 20
+trial_limit: 40
 cases:
   short: {set: [duration_s=4]}
 requirements:
