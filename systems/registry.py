@@ -29,6 +29,7 @@ ESTIMATORS: dict[str, str] = {
     "ra_paper": "quietfix.systems.options.ranging.range_decomposed:RaPaper",
     "bank": "quietfix.systems.options.ranging.bank:Bank",
     "imm": "quietfix.systems.options.interacting.imm:Imm",
+    "batch": "quietfix.systems.options.batch:Batch",
     "custom": "quietfix.systems.options.custom:Custom",
 }
 """Options class of each estimator, as ``module:Class``."""

@@ -41,6 +41,11 @@ class Observation:
         """R, shape (m, m) or (trials, m, m); not to be relied on in rows that are missing."""
         return self.whitener.covariance
 
+    @property
+    def sigmas(self) -> Array:
+        """Standard deviations of the noise, shape (m,) or (trials, m); as `noise_covariance`."""
+        return np.sqrt(np.einsum("...ii->...i", self.whitener.covariance))
+
     def rows(self, which: Index | Mask) -> Observation:
         """Return that of some trials alone, in the order of `which`; a trial may stand there more than once."""
         return Observation(self.value[which], take(self.platforms, which), self.whitener.rows(which))

@@ -35,7 +35,7 @@ ERRORS = {
 """Errors that each system has, all on."""
 
 OTHERS = {
-    "three_satellite": ["default", "mgekf", "iekf_hypotheses", "pf", "pf_sir", _CUSTOM],
+    "three_satellite": ["default", "mgekf", "batch", "iekf_hypotheses", "pf", "pf_sir", _CUSTOM],
     "dual_satellite": ["default", "ekf", "mgekf"],
     "beacon_rocket": ["default", "ekf", "ukf_unaugmented", "ukf_monitored"],
     "satellite_ranging": ["ra", "ra_paper", "bo", "bcr", "iekf", "ukf", "bank", "ekf"],

@@ -96,7 +96,8 @@ def test_rows_are_picked_by_name(name):
     a = scene.run(name, options, model=model)
     b = narrow.run(name, options)
     assert a["innovation"].shape == (8, TRIALS, 4) and np.all(a["nis_dof"] == 4)
-    np.testing.assert_allclose(a["estimate"], b["estimate"], rtol=0, atol=1e-6 if name != "iekf 1" else 1.0)
+    stop = {"iekf 1": 1.0, "batch": 1e-2}.get(name, 1e-6)  # of their iterations
+    np.testing.assert_allclose(a["estimate"], b["estimate"], rtol=0, atol=stop)
     np.testing.assert_allclose(a["innovation"][0], b["innovation"][0][:, [2, 3, 0, 1]], rtol=1e-12)
 
 
