@@ -114,6 +114,12 @@ class Assembly:
         return found
 
     @property
+    def tallies(self) -> dict[str, OutputPort]:
+        """What the estimators count, of measurements and trials; a summary tells it."""
+        named = self.estimators.items()
+        return {f"{port}_{name}": block.GetOutputPort(port) for name, block in named for port in block.tallies()}
+
+    @property
     def note(self) -> str:
         """What a reader of the results must know, of the model and of the estimators."""
         notes = [self.model.note, *(block.note for block in self.estimators.values())]

@@ -231,9 +231,10 @@ def with_interval(entry: Mapping[str, float | None]) -> str:
     return f"{three_digits(entry['value'])} ({three_digits(entry['low'])}-{three_digits(entry['high'])})"
 
 
-def lost(diverged: int, not_started: int) -> str:
-    """Return how many trials have diverged, and beside it how many never started."""
-    return f"{diverged}, {not_started} not started" if not_started else str(diverged)
+def lost(diverged: int, not_started: int, flagged: int | None = None) -> str:
+    """Return how many trials have diverged, and beside it how many never started, or are called lost at the end."""
+    told = [str(diverged), *([f"{not_started} not started"] if not_started else [])]
+    return ", ".join([*told, *([f"{flagged} flagged"] if flagged else [])])
 
 
 def three_digits(value: float | None) -> str:

@@ -18,6 +18,7 @@ from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.statistics.bootstrap import Interval, OneTrial, PairedBootstrap, Replicates, best_of, interval
 from quietfix.diagrams.statistics.epochs import from_the_end
 from quietfix.diagrams.statistics.json_numbers import json_numbers
+from quietfix.diagrams.statistics.lost import recovery_entry, recovery_lines
 from quietfix.diagrams.statistics.metrics import causal, diverged, median, not_started
 from quietfix.diagrams.statistics.state_errors import errors
 from quietfix.diagrams.studies.starting import why_not_started
@@ -91,6 +92,7 @@ def comparison_statistics(
         "feedback": study.feedback,
         "note": dataset.attrs.get("note", ""),
         "not_started": why_not_started(dataset, {name: row["not_started"] for name, row in rows.items()}),
+        "recovery": recovery_lines(rows, draws.trials),
         "left_out": dict(chosen.left_out),
         "lighter": {name: dict(options) for name, options in chosen.lighter.items()},
         "estimators": rows,
@@ -176,6 +178,7 @@ def _trials_entry(one: xr.Dataset, out: NDArray[np.bool_], confidence: float) ->
         "not_started": int(out.sum()),
         "diverged": lost,
         "diverged_rate": {"low": float(tail.low), "high": float(tail.high)},
+        **recovery_entry([one]),
     }
 
 

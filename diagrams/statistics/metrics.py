@@ -19,10 +19,10 @@ from quietfix.diagrams.quantities.frame import UNITS
 from quietfix.diagrams.statistics.consistency import nees_statistics, nis_statistics
 from quietfix.diagrams.statistics.epochs import along, from_the_end
 from quietfix.diagrams.statistics.json_numbers import json_numbers
-from quietfix.diagrams.statistics.lost import diverged, not_started
+from quietfix.diagrams.statistics.lost import diverged, not_started, recovery_entry
 from quietfix.diagrams.statistics.quantiles import median, percentile
 from quietfix.diagrams.statistics.state_errors import BOUNDS, QUANTITIES
-from quietfix.diagrams.statistics.tally import Ensemble
+from quietfix.diagrams.statistics.tally import Ensemble, blocks
 
 __all__ = [
     "armse",
@@ -180,6 +180,7 @@ def _summarise_one(known: Ensemble, i: int, consistency: xr.Dataset, tracks: boo
     summary["causal"] = causal(dataset, str(dataset["estimator"].values[i]))
     summary["not_started"] = int(known.sums["not_started"][i])
     summary["diverged"] = int(known.sums["diverged"][i])
+    summary |= recovery_entry(part for _, part in blocks(dataset.isel(estimator=[i])))
     summary["armse_position_m"] = json_numbers(armse(curves["position"]))
     converged = convergence_time(time, curves["position"], dataset.attrs.get("convergence_m"))
     # tracks have no time in common

@@ -82,8 +82,9 @@ class Shape:
             log = signals["measurement"].swapaxes(0, 1)[:count]
             data["measurement"] = self._of_trials("measurement", log, ("time", "row"))
             coordinates |= _named("row", self._stream(log.shape[-1]))
-        for name, port in self._wired.signals.items():
-            if self._keeps(name):
+        tallies = self._wired.tallies
+        for name, port in {**self._wired.signals, **tallies}.items():
+            if name in tallies or self._keeps(name):
                 log = signals[name].swapaxes(0, 1)[:count]
                 carried = _carried(port, log.shape[-1])
                 about = {"long_name": f"{port.get_name().replace('_', ' ')} of {port.get_system().get_name()}"}
@@ -110,7 +111,10 @@ class Shape:
         return {
             "truth": self._of_trials("truth", self._truth(signals, count), ("time", "state")),
             "estimate": (_BY_STATE, self._by_state("estimate", signals, count)),
-            **{port: (_BY_STATE[:3], self._numbers(port, signals, count)) for port in ("nees", "nis", "nis_dof")},
+            **{
+                port: (_BY_STATE[:3], self._numbers(port, signals, count))
+                for port in ("nees", "nis", "nis_dof", "lost")
+            },
             **self._of_biases(signals, count),
             "platforms": self._of_trials(
                 "platforms", states_of(signals["platforms"], count), ("time", "platform", "coordinate")

@@ -50,6 +50,7 @@ _ABOUT = {
     "nees": (_COUNT, "normalised estimation error squared"),
     "nis": (_COUNT, "normalised innovation squared"),
     "nis_dof": (_COUNT, "degrees of freedom of the normalised innovation squared"),
+    "lost": (_COUNT, "whether the estimator's innovations say that it is lost"),
     # of a sweep
     "point": ("as the field that is varied", "value of the field that is varied"),
     "position_error": ("m", "length of the error of the position"),

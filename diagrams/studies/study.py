@@ -196,13 +196,14 @@ class Study:
         """Return the ports to record by name, and their shapes."""
         ports = wired.course
         for name, estimator in wired.estimators.items():
-            wanted = ["estimate", "nis", "nis_dof", *(port for port in BIAS_PORTS if estimator.HasOutputPort(port))]
+            wanted = ["estimate", "nis", "nis_dof", "lost"]
+            wanted += [port for port in BIAS_PORTS if estimator.HasOutputPort(port)]
             wanted += [port for port in ("covariance", "innovation", "prediction") if self._keeps(port)]
             ports |= {f"{name}/{port}": estimator.GetOutputPort(port) for port in wanted}
         if scores is not None:
             ports |= {f"{name}/nees": score.GetOutputPort("nees") for name, score in scores.items()}
         extra = {"measurement": wired.measurement, **wired.signals}
-        ports |= {name: port for name, port in extra.items() if self._keeps(name)}
+        ports |= {name: port for name, port in extra.items() if self._keeps(name)} | wired.tallies
         shapes = {name: port.get_system().output_size(port.get_name()) for name, port in ports.items()}
         return ports, shapes
 

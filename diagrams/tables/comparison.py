@@ -90,7 +90,7 @@ def _rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
                 three_digits(row["median_position_m"]),
                 efficiency,
                 nees if verdict in (None, "in band") else f"{nees} {verdict}",
-                lost(row["diverged"], row["not_started"]),
+                lost(row["diverged"], row["not_started"], row["lost"]),
                 three_digits(row["cost_us"]),
             )
         )
@@ -130,6 +130,7 @@ def comparison_notes(found: Mapping[str, Any]) -> list[str]:
             f"({_ratio(ratio['low'])} to {_ratio(ratio['high'])})"
         )
     lines += found["not_started"]
+    lines += found["recovery"]
     if found["note"]:
         lines.append(found["note"])
     lines += _lighter(found)

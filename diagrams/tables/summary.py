@@ -10,6 +10,7 @@ import xarray as xr
 
 from quietfix.diagrams.console.tables import Column, Table, lost, three_digits
 from quietfix.diagrams.statistics.epochs import along, from_the_end
+from quietfix.diagrams.statistics.lost import recovery_lines
 from quietfix.diagrams.studies.starting import why_not_started
 
 __all__ = ["summary_notes", "summary_table"]
@@ -50,7 +51,7 @@ def summary_table(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> Table:
                 three_digits(_last(row, key))
                 for key in ("median_position_m", "bound_position_m", "rmse_height_m", "rmse_velocity_mps", "nees_mean")
             ),
-            lost(row["diverged"], row["not_started"]),
+            lost(row["diverged"], row["not_started"], row.get("lost")),
         )
     return table
 
@@ -58,6 +59,7 @@ def summary_table(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> Table:
 def summary_notes(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> list[str]:
     """Return what a reader of the table must know, a line each."""
     lines = list(why_not_started(dataset, {name: row["not_started"] for name, row in estimators.items()}))
+    lines += recovery_lines(estimators, dataset.sizes["trial"])
     return [*lines, str(dataset.attrs["note"])] if dataset.attrs.get("note") else lines
 
 

@@ -20,13 +20,15 @@ from quietfix.systems.clocks import at_ticks, same_instant
 from quietfix.systems.counting import tally
 from quietfix.systems.estimators.memory import TO_COME, Epoch, Innovation, Memory, Now, Remembered
 from quietfix.systems.estimators.shown import Shown
+from quietfix.systems.estimators.watching import Watching
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.observation import Observation
+from quietfix.systems.filters.recovery.surprise import surprise
 from quietfix.systems.filters.whitening import Whitener, unknown_rows
 from quietfix.systems.linear_algebra import all_finite
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
-from quietfix.systems.signals import EnsembleBlock, components_of
+from quietfix.systems.signals import components_of
 from quietfix.systems.smoothing.smoother import Smoother
 from quietfix.systems.starts.start import Start
 
@@ -36,13 +38,13 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-class Estimator(EnsembleBlock):
+class Estimator(Watching):
     """Base of all estimator blocks.
 
     Inputs ``measurement``, ``platforms``, where R comes with the measurement ``noise_covariance``, and what the
     start asks for. Outputs ``estimate``, ``covariance``, ``prediction``, ``prediction_covariance``, ``innovation``,
-    ``nis``, ``nis_dof``; where the motion has biases behind the target's state, ``biases`` and ``bias_sigmas``, and
-    the others are of the target alone.
+    ``nis``, ``nis_dof``, ``lost``; where the motion has biases behind the target's state, ``biases`` and
+    ``bias_sigmas``, and the others are of the target alone.
 
     A subclass says what it remembers per trial (`memory_sizes`), how that begins, is predicted, updated and
     summarised. It never reads a truth port.
@@ -176,15 +178,15 @@ class Estimator(EnsembleBlock):
         sizes = self.memory_sizes()
         self._places: dict[str, slice] = {}
         begin = 0
-        for group, size in {**sizes, "value": m, "nis": 1, "nis_dof": 1, "started": 1}.items():
+        for group, size in {**sizes, "value": m, "nis": 1, "nis_dof": 1, "started": 1, "watch": 2}.items():
             self._places[group] = slice(begin, begin + trials * size)
             begin += trials * size
         self._groups = [(group, self._places[group], (trials, size)) for group, size in sizes.items()]
         self._remembered = list(sizes)
         self._reported = (self._places["value"], self._places["nis"], self._places["nis_dof"])
         initial = np.full(begin + 3, np.nan)
-        self._started = self._places["started"]
-        initial[self._started] = 0.0
+        self._started, self._watched = self._places["started"], self._places["watch"]
+        initial[self._started] = initial[self._watched] = 0.0
         initial[-2:] = 0.0  # holds for this time; its measurement is used. Before them: begun at this time
         self._state = self.DeclareDiscreteState(initial)
         self._everyone = np.ones(trials, dtype=bool)
@@ -203,6 +205,7 @@ class Estimator(EnsembleBlock):
         self.declare_output("innovation", trials, m, lambda c: self._updated(c).innovation.value, after, rows)
         self.declare_output("nis", trials, 1, lambda c: self._updated(c).innovation.nis, after)
         self.declare_output("nis_dof", trials, 1, lambda c: self._updated(c).innovation.nis_dof, after)
+        self.declare_watch(trials, self._updated, after)
 
         at_ticks(
             wiring.clock,
@@ -211,7 +214,7 @@ class Estimator(EnsembleBlock):
         )
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
 
-    def _epoch(self, context: Context) -> Epoch:
+    def _epoch(self, context: Context) -> Now:
         return Now(context.get_time(), self.wiring.clock, self.draw, context)
 
     def _updated(self, context: Context) -> Remembered:
@@ -238,7 +241,7 @@ class Estimator(EnsembleBlock):
 
     def _calc_prior(self, context: Context) -> Remembered:
         """Return the memory predicted for now, or what is stored where the measurement of now is in it."""
-        return self._predicted(context, Now(context.get_time(), self.wiring.clock, self.draw, context))
+        return self._predicted(context, self._epoch(context))
 
     def _predicted(self, context: Context, epoch: Now) -> Remembered:
         tally("prior", self)
@@ -248,11 +251,12 @@ class Estimator(EnsembleBlock):
         # bytes are the fastest to compare, and mostly everyone has started
         started = self._everyone if began.tobytes() == self._all_begun else began > 0
         now, stamp = epoch.time, state.item(-2)
+        watch = state[self._watched].reshape(2, -1)
         if same_instant(now, stamp):
-            return Remembered(memory, self._reported, started, bool(state[-1]), now, state)
+            return Remembered(memory, self._reported, started, bool(state[-1]), now, watch, state)
         if now > stamp:
             memory = self.predict(memory, now - stamp, epoch)
-        return Remembered(memory, TO_COME, started, False, now)
+        return Remembered(memory, TO_COME, started, False, now, watch)
 
     def _first(self, context: Context, stream: Array) -> tuple[Memory, Mask]:
         inputs = {port: self.read(context, port) for port in self.start.inputs}
@@ -276,7 +280,7 @@ class Estimator(EnsembleBlock):
         tally("posterior", self)
         if self._steps_at_once and not self._prior_is_read and (whole := self._stepped(context)) is not None:
             return whole
-        epoch = Now(context.get_time(), self.wiring.clock, self.draw, context)
+        epoch = self._epoch(context)
         prior: Remembered
         prior = self.cached(context, self._prior) if self._prior_is_read else self._predicted(context, epoch)
         if prior.current:
@@ -285,18 +289,18 @@ class Estimator(EnsembleBlock):
         stream = self.read(context, "measurement")
         measurement = stream[:, self._rows]
         if started is not self._everyone and not started.all():
-            memory, new = self._begin_late(context, memory, started, stream)
+            memory, new = self.begin_late(memory, started, lambda: self._first(context, stream))
             started = started | new
             if self.start.uses_measurement:
                 measurement = np.where(new[:, None], np.nan, measurement)
             if not started.any():
-                return Remembered(memory, self._nothing(), started, True, now)
+                return Remembered(memory, self._nothing(), started, True, now, prior.watch)
         noise = self._read_noise(context) if self.wiring.noise_port else None
         if noise is not None and (unknown := unknown_rows(noise)).any():
             measurement = np.where(unknown, np.nan, measurement)
         told = None if all_finite(measurement) else ~np.isnan(measurement).all(axis=-1) & started
         if told is not None and not told.any():
-            return Remembered(memory, self._nothing(), started, True, now)
+            return Remembered(memory, self._nothing(), started, True, now, prior.watch)
         whitener = self._whitener if noise is None else Whitener(noise)
         observation = Observation(measurement, self._read_platforms(context), whitener)
         updated, innovation = self.update(memory, observation, epoch)
@@ -306,7 +310,11 @@ class Estimator(EnsembleBlock):
                 group: np.where(told[:, None], value, memory[group]) if group in memory else value
                 for group, value in updated.items()
             }
-        return Remembered(updated, innovation, started, True, now)
+        watch = self.followed(prior.watch, updated, innovation, told)
+        if self.may_begin_again:
+            some = started if told is None else told
+            updated = self.begin_again(updated, watch, some, lambda: self._first(context, stream))
+        return Remembered(updated, innovation, started, True, now, watch)
 
     def _stepped(self, context: Context) -> Remembered | None:
         """Return what `_calc_posterior` does, made in one go where all is as it usually is; else None."""
@@ -314,14 +322,14 @@ class Estimator(EnsembleBlock):
         now, stamp = context.get_time(), state.item(-2)
         if now <= stamp or same_instant(now, stamp) or state[self._started].tobytes() != self._all_begun:
             return None
-        measurement = self.read(context, "measurement")[:, self._rows]
-        if not all_finite(measurement) or not self.step_at_once(
-            state, now - stamp, measurement, self._read_platforms(context)
-        ):
+        told = self.read(context, "measurement")[:, self._rows], self._read_platforms(context)
+        if not all_finite(told[0]) or not self.step_at_once(state, now - stamp, *told):
             return None
         tally("prior", self)
         memory = {group: state[place].reshape(shape) for group, place, shape in self._groups}
-        return Remembered(memory, self._reported, self._everyone, True, now, state)
+        watch = state[self._watched].reshape(2, -1)
+        surprise(state[self._reported[1]], state[self._reported[2]], watch[0])
+        return Remembered(memory, self._reported, self._everyone, True, now, watch, state)
 
     @property
     def _steps_at_once(self) -> bool:
@@ -335,14 +343,6 @@ class Estimator(EnsembleBlock):
         """
         return False
 
-    def _begin_late(self, context: Context, memory: Memory, started: Mask, stream: Array) -> tuple[Memory, Mask]:
-        """Start the trials that could not start before, leave the others alone; return which have started now."""
-        begun, able = self._first(context, stream)
-        new = ~started & able
-        if new.any():
-            memory = {group: np.where(new[:, None], begun[group], memory[group]) for group in memory}
-        return memory, new
-
     def _write(
         self,
         discrete: DiscreteValues,
@@ -351,17 +351,19 @@ class Estimator(EnsembleBlock):
         started: Mask,
         time: float,
         used: bool,
+        watch: Array | None = None,
     ) -> None:
         state = discrete.get_mutable_value(self._state)
         if list(memory) == self._remembered:  # all of it, as it stands in the state
             values = [v if v.ndim == 1 else v.ravel() for v in (*memory.values(), *innovation, started)]
-            np.concatenate(values, out=state[:-3])
+            np.concatenate(values, out=state[: self._watched.start])
         else:
             named = {**memory, **innovation._asdict(), "started": started}
             for group, value in named.items():
                 state[self._places[group]] = value.ravel()
-        state[-2] = time
-        state[-1] = used
+        if watch is not None:
+            state[self._watched] = watch.ravel()
+        state[-2:] = time, used
 
     def _replace(self, discrete: DiscreteValues, group: str, value: Array) -> None:
         """Write one group of the memory that is stored."""
@@ -385,10 +387,10 @@ class Estimator(EnsembleBlock):
         if updated.state is not None:
             state = discrete.get_mutable_value(self._state)
             state[:] = updated.state
-            state[-2] = updated.time
-            state[-1] = 1.0
+            state[-2:] = updated.time, 1.0
             return
-        self._write(discrete, updated.memory, updated.innovation, updated.started, updated.time, used=True)
+        told = updated.memory, updated.innovation, updated.started, updated.time
+        self._write(discrete, *told, used=True, watch=updated.watch)
 
     def _store_at_tick(self, context: Context, discrete: DiscreteValues) -> None:
         if self.wiring.clock.index(context.get_time()) is not None:

@@ -99,9 +99,10 @@ class Remembered:
 
     ``current`` says that the measurement of now, ``time`` [s], is in it. ``state`` is all of that as the block's
     discrete state, where it was made as a whole; the innovation is then taken from it when it is asked for.
+    ``watch`` (2, trials) is the sum of `quietfix.systems.filters.recovery.surprise` and how often a trial began again.
     """
 
-    __slots__ = ("_innovation", "_moments", "current", "memory", "started", "state", "time")
+    __slots__ = ("_innovation", "_moments", "current", "memory", "started", "state", "time", "watch")
 
     def __init__(
         self,
@@ -110,6 +111,7 @@ class Remembered:
         started: Mask,
         current: bool,
         time: float,
+        watch: Array,
         state: Array | None = None,
     ) -> None:
         self.memory = memory
@@ -117,6 +119,7 @@ class Remembered:
         self.started = started
         self.current = current
         self.time = time
+        self.watch = watch
         self.state = state
         self._moments: tuple[Array, Array] | None = None
 
@@ -129,6 +132,10 @@ class Remembered:
         value, nis, rows = (self.state[place] for place in self._innovation)
         self._innovation = Innovation(value.reshape(nis.size, -1), nis, rows)
         return self._innovation
+
+    def having(self, memory: Memory) -> Remembered:
+        """Return the same with another memory."""
+        return Remembered(memory, self._innovation, self.started, self.current, self.time, self.watch, self.state)
 
     def moments(self, summarise: Callable[[Memory], tuple[Array, Array]]) -> tuple[Array, Array]:
         """Return mean and covariance."""

@@ -370,7 +370,7 @@ class ParticleEstimator(Estimator):
                 memory = self._again(context, self.start.again, memory, lost)
         if memory is belief.memory:
             return belief
-        return type(belief)(memory, innovation, belief.started, belief.current, belief.time)
+        return belief.having(memory)
 
     def _again(self, context: Context, again: Start, memory: Memory, lost: Mask) -> Memory:
         """Return the memory in which lost trials begin again from the measurement of now, where they can."""

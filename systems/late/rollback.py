@@ -27,7 +27,8 @@ _OWN = (
     "_calc_posterior",
     "_predicted",
     "_begin",
-    "_begin_late",
+    "begin_late",
+    "followed",
     "_initialize",
     "_store",
     "_declare_ports",
@@ -69,7 +70,7 @@ def goes_back(block: Estimator) -> bool:
     plain = all(getattr(kind, name) is getattr(Estimator, name) for name in _OWN)
     ports = {"measurement", "platforms", *block.start.inputs}
     own = {block.get_input_port(i).get_name() for i in range(block.num_input_ports())}
-    return plain and own == ports
+    return plain and own == ports and not block.may_begin_again
 
 
 class Rollback(Estimator):
@@ -105,7 +106,10 @@ class Rollback(Estimator):
     def __init__(self, block: Estimator, ages: int, ticks: int) -> None:
         name = block.get_name()
         if not goes_back(block):
-            raise ValueError(f"estimators.{name}: late measurements are not allowed; it cannot go back to their time")
+            raise ValueError(
+                f"estimators.{name}: late measurements are not allowed; it cannot go back to their time, as "
+                "one that may begin again cannot"
+            )
         if ticks < 1:
             raise ValueError(f"{name}: a buffer of {ticks} instants is not allowed; at least 1")
         self.inner = block
@@ -315,4 +319,5 @@ class Rollback(Estimator):
         platforms = self._read_platforms(context)
         arrived = _Arrived(value, platforms, self._whitener, inputs["measured_at"], inputs)
         memory, innovation = self.update(prior.memory, arrived, epoch)
-        return Remembered(memory, innovation, self._slots(memory, "begun")[:, 0, 0] > 0, True, epoch.time)
+        watch = self.followed(prior.watch, memory, innovation, None)
+        return Remembered(memory, innovation, self._slots(memory, "begun")[:, 0, 0] > 0, True, epoch.time, watch)

@@ -24,11 +24,11 @@ class UkfMonitored(Ukf):
     """Unscented Kalman filter with a monitor for jumps of the bias that all rows share (its last state)."""
 
     switch: float = number("a common jump is declared above this likelihood ratio", 100.0, above=0)
-    gate: float = number("a sample whose common-mode-free NIS is above this is left out", 1e6, above=0)
+    leave_out: float = number("a sample whose common-mode-free NIS is above this is left out", 1e6, above=0)
     reset_sigma_mps: float = number("standard deviation of the bias after a jump [m/s]", 1e4, above=0)
 
     def algorithm(self, motion: MotionModel) -> GaussianFilter:
         """See `KalmanOptions.algorithm`."""
         return CommonModeMonitor(
-            super().algorithm(motion), motion.reported.size - 1, self.switch, self.gate, self.reset_sigma_mps
+            super().algorithm(motion), motion.reported.size - 1, self.switch, self.leave_out, self.reset_sigma_mps
         )

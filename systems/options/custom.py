@@ -5,10 +5,12 @@ from typing import Any
 
 from quietfix.systems.documented import documented, text
 from quietfix.systems.estimators.base import Estimator
-from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.estimators.kalman_options import kalman_block
 from quietfix.systems.estimators.options import EstimatorOptions
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import GaussianFilter
+from quietfix.systems.filters.recovery.gate import Gate
+from quietfix.systems.filters.recovery.heavy_tails import Huber, Student
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.registry import blamed, in_one_line, lines_of, object_at
@@ -27,6 +29,9 @@ class Custom(EstimatorOptions):
 
     class_: str = text("where the class is: package.module:Class")
     options: dict[str, bool | int | float | str] = documented("keyword arguments of the class", factory=dict)
+    gate: Gate | None = documented("of a GaussianFilter: leaves out what the prediction makes improbable", None)
+    robust: Huber | Student | None = documented("of a GaussianFilter: update for heavy tails, !Huber or !Student", None)
+    restart: bool = documented("a trial that is lost begins again from a measurement, where the start does", False)
 
     @property
     def takes_biases(self) -> bool:
@@ -73,8 +78,18 @@ class Custom(EstimatorOptions):
         if lacking:
             raise ValueError(f"estimators.{name}.class: {self.class_} lacks {', '.join(lacking)}")
         if issubclass(kind, GaussianFilter):
-            return KalmanEstimator(name, kind(**self.options), model, motion, start, wiring)
-        return kind(name, model, motion, start, wiring, **self.options)
+            algorithm: GaussianFilter = kind(**self.options)
+            algorithm = algorithm if self.robust is None else self.robust.around(algorithm)
+            return kalman_block(name, algorithm, model, motion, start, wiring, self)
+        for field in ("gate", "robust"):
+            if getattr(self, field) is not None:
+                raise ValueError(
+                    f"estimators.{name}.{field}: it is not allowed here; null, for {self.class_} is a whole estimator, "
+                    "and only a GaussianFilter is put behind one"
+                )
+        block = kind(name, model, motion, start, wiring, **self.options)
+        block.restart_when_lost(self.restart, f"estimators.{name}.restart")
+        return block
 
     def blame(self, name: str, error: BaseException) -> str:
         """Return in one line what the class raised, and where in its file."""

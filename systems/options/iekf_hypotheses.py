@@ -38,6 +38,11 @@ class IekfHypotheses(Iekf):
 
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""
+        if self.gate is not None:
+            raise ValueError(
+                f"estimators.{name}.gate: it is not allowed here; null, for hypotheses are weighed by what they refuse "
+                "(robust works)"
+            )
         phases = phases_of(model)
         if phases and isinstance(start, KnownHeightStart):
             start = HypothesesStart(
@@ -49,4 +54,6 @@ class IekfHypotheses(Iekf):
                 start.sigma_satellite,
                 self.hypotheses,
             )
-        return HypothesisBank(name, self.algorithm(motion), model, motion, start, wiring, self.least_weight)
+        bank = HypothesisBank(name, self.filter(model, motion), model, motion, start, wiring, self.least_weight)
+        bank.restart_when_lost(self.restart, f"estimators.{name}.restart")
+        return bank

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from quietfix.systems.documented import documented, number
 from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.estimators.gated_kalman import GatedKalman
 from quietfix.systems.estimators.kalman import KalmanEstimator
 from quietfix.systems.estimators.kalman_options import KalmanOptions
 from quietfix.systems.estimators.options import EstimatorOptions
@@ -69,6 +70,11 @@ class Smoothed(EstimatorOptions):
                 "mode: estimate"
             )
         block = self.filter.make(name, model, motion, start, wiring)
+        if isinstance(block, GatedKalman) or block.may_begin_again:
+            raise ValueError(
+                f"estimators.{name}.filter: a gate or restart is not allowed here; a filter without, for no later "
+                "measurement says what was before a new beginning (robust works)"
+            )
         if not isinstance(block, KalmanEstimator) or not block.plain:
             raise ValueError(
                 f"estimators.{name}.filter: {type(self.filter).__name__} is not allowed; a filter of one mean and "

@@ -193,6 +193,8 @@ def test_summary_is_json_and_says_null_where_nothing_is_defined():
         "bound_truth_course_deg",
         "causal",
         "diverged",
+        "lost",
+        "ever_lost",
         "not_started",
         "armse_position_m",
         "convergence_time_s",

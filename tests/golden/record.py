@@ -19,6 +19,7 @@ TRIALS, SEED = 4, 11
 
 _ATTRIBUTES = ("system", "variant", "seed", "first_trial", "trials", "keep", "every", "frame", "note", "divergence_m")
 _ATTRIBUTES += ("convergence_m",)
+_FOLLOWS = "lost"  # from NIS and rows, which are recorded
 
 
 def machine() -> str:
@@ -56,7 +57,7 @@ def fingerprint(title: str) -> dict:
         case.system, set=case.settings, estimators=case.estimators, trials=TRIALS, seed=SEED, keep="all", chunk=TRIALS
     )
     result = join(list(study.chunks()))
-    arrays = {str(name): result[name] for name in sorted(result.data_vars, key=str)}
+    arrays = {str(name): result[name] for name in sorted(result.data_vars, key=str) if name != _FOLLOWS}
     arrays["innovation"] = _to_the_left(result)
     names = {key: [str(v) for v in result[key].values] for key in ("estimator", "state", "state_units", "row")}
     return {

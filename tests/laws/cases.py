@@ -31,6 +31,9 @@ from quietfix.systems.filters.considered import ConsideredStates
 from quietfix.systems.filters.gaussian import GaussianFilter
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 from quietfix.systems.filters.modified_gain import ModifiedGainKalman
+from quietfix.systems.filters.recovery.gate import Gate
+from quietfix.systems.filters.recovery.heavy_tails import HuberRows
+from quietfix.systems.filters.recovery.second_minimum import SecondMinimum
 from quietfix.systems.filters.robust import StudentRows
 from quietfix.systems.filters.unscented import UnscentedKalman
 from quietfix.systems.fixes.ranged_position import RangedPosition
@@ -64,6 +67,7 @@ from quietfix.systems.motion.random_walk import RandomWalk
 from quietfix.systems.motion.side_by_side import SideBySide
 from quietfix.systems.motion.stationary import Stationary
 from quietfix.systems.options.custom import Custom
+from quietfix.systems.options.ekf import Ekf
 from quietfix.systems.options.iekf import Iekf
 from quietfix.systems.options.interacting.imm import Imm
 from quietfix.systems.options.interacting.models import AsBelieved
@@ -428,6 +432,9 @@ FILTERS: dict[str, GaussianFilter] = {
     "student rows": StudentRows(IteratedExtendedKalman(), freedom=1e15),
     "considered states, none of them": ConsideredStates(),
     "ukf, alpha 0.1": UnscentedKalman(0.1, 2.0, 0.0),
+    # nothing is so far off: it is the Kalman filter
+    "huber rows": HuberRows(IteratedExtendedKalman(), threshold=1e15),
+    "second minimum": SecondMinimum(),
 }
 """Every Gaussian filter, as bare functions; `_registered` adds those that are written as an estimator's options."""
 
@@ -443,7 +450,9 @@ FILTERS |= _registered()
 
 EXAMPLES = {
     "custom": [Custom(class_="quietfix.systems.filters.iterated_extended:IteratedExtendedKalman")],
-    "iekf": [Iekf(), Iekf(max_iterations=3, tolerance=1.0)],
+    # the gates are open: what shut ones do is in test_recovery
+    "ekf": [Ekf(), Ekf(gate=Gate(probability=1.0))],
+    "iekf": [Iekf(), Iekf(max_iterations=3, tolerance=1.0), Iekf(gate=Gate(1.0, "epoch")), Iekf(retry=True)],
     "imm": [
         Imm(models={"calm": AsBelieved(), "agile": AsBelieved(4.0)}, transitions=Sojourn({"calm": 60.0, "agile": 9.0})),
         Imm(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from quietfix.systems.documented import choice, count, number, text
 from quietfix.systems.estimators.base import Estimator
-from quietfix.systems.estimators.bearing_lines import BearingLocator, Lately, Sighting
+from quietfix.systems.estimators.bearings.lines import BearingLocator, Lately, Sighting
 from quietfix.systems.estimators.memory import Memory
 from quietfix.systems.estimators.options import EstimatorOptions
 from quietfix.systems.estimators.wiring import Wiring

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from quietfix.systems.documented import count, documented
 from quietfix.systems.estimators.base import Estimator
-from quietfix.systems.estimators.bearing_lines import BearingLocator, Lately, Sighting
+from quietfix.systems.estimators.bearings.lines import BearingLocator, Lately, Sighting
 from quietfix.systems.estimators.memory import Epoch, Memory
 from quietfix.systems.estimators.options import EstimatorOptions
 from quietfix.systems.estimators.wiring import Wiring

@@ -88,7 +88,7 @@ class Imm(EstimatorOptions):
         if self.filter.measurements:
             raise ValueError(f"estimators.{name}.filter.measurements: not allowed here; estimators.{name}.measurements")
         block = self.filter.make(name, model, motion, start, wiring)
-        if type(block) is not KalmanEstimator:
+        if type(block) is not KalmanEstimator or block.may_begin_again:
             raise ValueError(
                 f"estimators.{name}.filter: {type(self.filter).__name__} is not allowed as it stands here; a filter of "
                 "mean and covariance alone, without a gate or a beginning of its own"
