@@ -21,6 +21,7 @@ from quietfix.diagrams.console.arguments import (
     KEEP,
     MEASUREMENTS,
     OVERWRITE,
+    PAGE,
     PLATFORMS,
     RATE,
     RECORDINGS,
@@ -43,7 +44,7 @@ from quietfix.diagrams.console.arguments import (
     with_smoothers,
 )
 from quietfix.diagrams.identification.options import identify
-from quietfix.diagrams.pages.options import report
+from quietfix.diagrams.pages.options import report as page
 
 __all__ = ["app"]
 
@@ -168,12 +169,14 @@ def run(
     platforms: Annotated[Path | None, PLATFORMS] = None,
     write_measurements: Annotated[bool, WRITE_MEASUREMENTS] = False,
     smooth: Annotated[bool, SMOOTH] = False,
+    report: Annotated[bool, PAGE] = False,
 ) -> None:
     """Run a study: print a table; with --out write results.zarr, summary.json, figures and diagram.svg.
 
     On measurements of your own also estimates.csv and estimates.parquet.
     """
     from quietfix.diagrams.commands.running import run_command
+    from quietfix.diagrams.pages.command import paged
 
     asked = {
         "estimators": with_smoothers(estimators, smooth),
@@ -192,18 +195,9 @@ def run(
         "platforms": platforms,
         "write_measurements": write_measurements or None,
     }
-    run_command(
-        system,
-        {k: v for k, v in asked.items() if v is not None},
-        from_,
-        out,
-        overwrite,
-        trust,
-        True,
-        resume,
-        workers,
-        scheduler,
-    )
+    given = {k: v for k, v in asked.items() if v is not None}
+    with paged(report, out or resume):
+        run_command(system, given, from_, out, overwrite, trust, True, resume, workers, scheduler)
 
 
 @app.command()
@@ -321,18 +315,23 @@ def replay(
     rate: Annotated[str | None, RATE] = None,
     type_: Annotated[str | None, TYPE] = None,
     smooth: Annotated[bool, SMOOTH] = False,
+    report: Annotated[bool, PAGE] = False,
 ) -> None:
     """Run a recording: `quietfix run DATASET` in fewer words."""
     from quietfix.diagrams.commands.replay import replay as run_recording
+    from quietfix.diagrams.pages.command import paged
 
     raw = [f"raw.{key}={value}" for key, value in (("rate_hz", rate), ("type", type_)) if value is not None]
     chosen, smoothed = [*raw, *(settings or ())], with_smoothers(estimators, smooth)
-    run_recording(dataset, data, out, True, file, chosen, smoothed, overwrite, platforms, write_measurements, resume)
+    with paged(report, out or resume):
+        run_recording(
+            dataset, data, out, True, file, chosen, smoothed, overwrite, platforms, write_measurements, resume
+        )
 
 
 app.command()(compare)
 app.command()(sweep)
 app.command()(verify)
 app.command()(identify)
-for command in (inspect, plot, report, diff, export):
+for command in (inspect, plot, page, diff, export):
     app.command()(command)

@@ -16,6 +16,7 @@ __all__ = [
     "KEEP",
     "MEASUREMENTS",
     "OVERWRITE",
+    "PAGE",
     "PLATFORMS",
     "RATE",
     "RECORDINGS",
@@ -146,6 +147,7 @@ COMPARED = typer.Option(
     help="Names of the scenario or registry, package.module:Class, `default` or `all`.  [default: those of "
     "the scenario, and ekf, iekf, ukf, pf]",
 )
+PAGE = typer.Option("--report", help="With --out DIR: write DIR.html, too; see `quietfix report --help`.")
 VARY = typer.Option(
     metavar="KEY=A:B:N",
     help="Field of the scenario and its values: from A to B in N points, KEY=log:A:B:N by a factor, or KEY=V1,V2,...",

@@ -1,17 +1,19 @@
-"""What ``quietfix report`` does: write a page, whole or not at all."""
+"""What ``quietfix report`` and ``--report`` do: write a page, whole or not at all."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from quietfix.diagrams.pages.report import report_page
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.writers.whole_file import written_beside
 
-__all__ = ["report_command"]
+__all__ = ["paged", "report_command"]
 
 _SIGNATURE = b'<meta name="generator" content="Quietfix">'
 _ENDINGS = (".html", ".htm")
+_TELLING = ("results.zarr", "verification.json")
 
 
 def report_command(result: Path, out: Path | None) -> None:
@@ -24,20 +26,56 @@ def report_command(result: Path, out: Path | None) -> None:
     """
     if not result.is_dir():
         raise UserError(f"RESULT: {result} is not a result; a folder that run, compare, sweep or verify wrote")
+    from quietfix.diagrams.pages.report import report_page
+
     path = out or Path(f"{result.resolve().name}.html")
     if path.suffix.lower() not in _ENDINGS:
         raise UserError(f"--out: {path} is not allowed; a file name that ends in .html")
-    existed = path.exists()
-    if existed and not _is_page(path):
-        raise UserError(f"--out: {path} exists and is no page of this program; choose another name")
+    existed = _may_be_written(path, "--out")
     page = report_page(result)
     with written_beside(path) as beside:
         beside.write_text(page, encoding="utf-8")
     print(f"{'replaced' if existed else 'wrote'} {path} ({len(page.encode()) / 1e6:.1f} MB)")
 
 
-def _is_page(path: Path) -> bool:
-    if not path.is_file():
+@contextmanager
+def paged(wanted: bool, out: Path | None) -> Iterator[None]:
+    """Have a command write a page beside each result in its folder, which is named as that, with ``.html``.
+
+    Parameters
+    ----------
+    wanted : bool
+        Whether there is to be one; without it nothing is done.
+    out : Path, optional
+        The folder that the command writes.
+
+    Raises
+    ------
+    UserError
+        Before the command begins, if it writes no folder, or the page may not be written.
+    """
+    if not wanted:
+        yield
+        return
+    if out is None:
+        raise UserError("--report: it needs --out DIR, whose page is DIR.html")
+    _may_be_written(_beside(out), "--report")
+    yield
+    for folder in [out] if any((out / name).exists() for name in _TELLING) else sorted(out.iterdir()):
+        if folder.is_dir() and any((folder / name).exists() for name in _TELLING):
+            report_command(folder, _beside(folder))
+
+
+def _beside(folder: Path) -> Path:
+    return folder.with_name(f"{folder.name}.html")
+
+
+def _may_be_written(path: Path, option: str) -> bool:
+    """Return whether a page is there that is to be replaced; refuse to replace anything else."""
+    if not path.exists():
         return False
-    with path.open("rb") as file:
-        return _SIGNATURE in file.read(2000)
+    if path.is_file():
+        with path.open("rb") as file:
+            if _SIGNATURE in file.read(2000):
+                return True
+    raise UserError(f"{option}: {path} exists and is no page of this program; choose another name")

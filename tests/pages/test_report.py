@@ -179,3 +179,14 @@ def test_small_numbers():
     assert reach(np.ones((10, 2))) == (None, 0)
     edge, beyond = reach([*np.ones((20, 2)), [1000.0, 0.0]])
     assert edge == pytest.approx(3.0) and beyond == 1
+
+
+def test_a_run_writes_its_page_beside_its_folder(tmp_path, capsys):
+    asked = ["run", "three_satellite", "--trials", 2, "--estimator", "iekf", "--set", "duration_s=3", "--report"]
+    code, said = status(asked, capsys)
+    assert code == 2 and said.err.startswith("quietfix: --report: it needs --out DIR")
+    (tmp_path / "a.html").write_text("mine")
+    code, said = status([*asked, "--out", tmp_path / "a"], capsys)
+    assert code == 2 and "no page of this program" in said.err and not (tmp_path / "a").exists()
+    code, said = status([*asked, "--out", tmp_path / "b"], capsys)
+    assert code == 0 and "b.html" in said.out and numbers((tmp_path / "b.html").read_text())["curves"]

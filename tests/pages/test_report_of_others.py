@@ -10,8 +10,8 @@ from quietfix.diagrams.pages.report import report_page
 
 REQUIREMENTS = """
 system: three_satellite
-trials: 20
-trial_limit: 40
+trials: 40
+trial_limit: 80
 cases:
   short: {set: [duration_s=4]}
 requirements:

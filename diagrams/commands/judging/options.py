@@ -14,6 +14,7 @@ from quietfix.diagrams.console.arguments import (
     DATA,
     ESTIMATOR,
     OVERWRITE,
+    PAGE,
     SCENARIO,
     SCHEDULER,
     SEED,
@@ -51,10 +52,12 @@ def compare(
     workers: Annotated[int | None, WORKERS] = None,
     scheduler: Annotated[str | None, SCHEDULER] = None,
     overwrite: Annotated[bool, OVERWRITE] = False,
+    report: Annotated[bool, PAGE] = False,
     smooth: Annotated[bool, SMOOTH] = False,
 ) -> None:
     """Compare estimators on one stream of measurements: errors, bounds, consistency, cost, who is the best."""
     from quietfix.diagrams.commands.judging.comparing import compare_command
+    from quietfix.diagrams.pages.command import paged
 
     options: dict[str, Any] = {
         "estimators": with_smoothers(estimators, smooth),
@@ -64,7 +67,8 @@ def compare(
         "scenario": scenario,
     }
     options |= {"data": data, "chunk": chunk, "threads": threads}
-    compare_command(systems, options, at, format_, out, overwrite, resume, workers, scheduler)
+    with paged(report, out or resume):
+        compare_command(systems, options, at, format_, out, overwrite, resume, workers, scheduler)
 
 
 def sweep(
@@ -85,13 +89,16 @@ def sweep(
     workers: Annotated[int | None, WORKERS] = None,
     scheduler: Annotated[str | None, SCHEDULER] = None,
     overwrite: Annotated[bool, OVERWRITE] = False,
+    report: Annotated[bool, PAGE] = False,
 ) -> None:
     """Vary one number of a scenario on the same noise: what a mismatch costs, and whether the covariance tells."""
     from quietfix.diagrams.commands.judging.sweeping import sweep_command
+    from quietfix.diagrams.pages.command import paged
 
     options: dict[str, Any] = {"estimators": estimators, "trials": trials, "seed": seed, "at": at, "set": settings}
     options |= {"scenario": scenario, "chunk": chunk, "threads": threads}
-    sweep_command(system, vary, options, out, overwrite, resume, workers, scheduler)
+    with paged(report, out or resume):
+        sweep_command(system, vary, options, out, overwrite, resume, workers, scheduler)
 
 
 def verify(
@@ -109,12 +116,16 @@ def verify(
     workers: Annotated[int | None, WORKERS] = None,
     scheduler: Annotated[str | None, SCHEDULER] = None,
     overwrite: Annotated[bool, OVERWRITE] = False,
+    report: Annotated[bool, PAGE] = False,
 ) -> None:
     """Judge requirements: each holds, fails, or is undecided after as many trials as the file allows.
 
     Exit status: 0 all hold; 1 one fails; 3 none fails, but one is undecided; 2 a mistake in the file; 130 Ctrl-C.
     """
     from quietfix.diagrams.commands.judging.verifying import verify_command
+    from quietfix.diagrams.pages.command import paged
 
     options = {"trials": trials, "seed": seed, "chunk": chunk, "threads": threads}
-    raise typer.Exit(verify_command(file, out, overwrite, resume, workers, scheduler, **options))
+    with paged(report, out or resume):
+        status = verify_command(file, out, overwrite, resume, workers, scheduler, **options)
+    raise typer.Exit(status)
