@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
 from quietfix.diagrams.assembly.find import FORMS, Found, find
+from quietfix.diagrams.cloud.place import is_url
 from quietfix.diagrams.commands.results.drawn import illustrate as _illustrate
 from quietfix.diagrams.console.tables import print_table
 from quietfix.diagrams.console.terminal import say
@@ -45,6 +47,35 @@ def run_command(
     scheduler: str | None = None,
 ) -> Report | None:
     """Run a study, print its table and write its folder; return what a recording tells; see ``quietfix run --help``."""
+    url = resume if is_url(resume) else out if is_url(out) else None
+    if url is None:
+        return _run(system, asked, from_, out, overwrite, trust, progress, resume, workers, scheduler)
+    from quietfix.diagrams.cloud.mirrored import MirroredFolder, workplace
+
+    option = "--out" if resume is None else "--resume"
+    with workplace(url, option, overwrite, resume is not None) as (final, place):
+        if resume is not None and system is None and not place.names():
+            raise UserError(f"--resume: {place.url} is not allowed; there is nothing; name the system as well to begin")
+        out, resume = (final, None) if resume is None else (out, final)
+        folder = partial(MirroredFolder, place)
+        return _run(system, asked, from_, out, False, trust, progress, resume, workers, scheduler, folder, place.url)
+
+
+def _run(
+    system: str | None,
+    asked: Mapping[str, Any],
+    from_: Path | None,
+    out: Path | None,
+    overwrite: bool,
+    trust: bool,
+    progress: bool,
+    resume: Path | None,
+    workers: int | None,
+    scheduler: str | None,
+    make: Callable[..., OutputFolder] = OutputFolder,
+    shown: str | None = None,
+) -> Report | None:
+    """Run a study into a folder that `make` makes; `shown`: its name for the user."""
     from quietfix.diagrams.scale.asked import writes_itself
     from quietfix.diagrams.scale.crew import check_workers, parts_by
     from quietfix.diagrams.scale.resuming import ensemble_of, interrupted, joined, run_into
@@ -69,7 +100,7 @@ def run_command(
         _print_all(dataset, summarise(dataset), report, study.recorded is not None)
         return report
     try:
-        folder = OutputFolder(out, overwrite, "run", reads=from_, plan=plan, resume=resume is not None)
+        folder = make(out, overwrite, "run", reads=from_, plan=plan, resume=resume is not None)
     except Finished:
         return None
     with folder:
@@ -83,15 +114,11 @@ def run_command(
         if report is not None:
             report.draw(folder.work)
         if write and not writes_itself(study.found):
-            from quietfix.diagrams.own.writing import write_measurements, write_truth
-
-            write_measurements(dataset, study.request.scenario, folder.work / "measurements.csv")
-            write_truth(dataset, folder.work / "truth.csv")
-            _write_message(study.request.scenario, folder.work)
+            _write_measured(dataset, study.request.scenario, folder.work)
         folder.finish()
     _print_all(open_result(folder.final), estimators, report, study.recorded is not None)
     seconds = f"{time.monotonic() - began:.1f} s"
-    print(f"wrote {out}: results.zarr, summary.json, figures, diagram.svg{_others(out)} ({seconds})")
+    print(f"wrote {shown or out}: results.zarr, summary.json, figures, diagram.svg{_others(out)} ({seconds})")
     return report
 
 
@@ -99,6 +126,15 @@ def _others(folder: Path) -> str:
     """Return the tables in a folder, for the line that says what is written."""
     tables = [path.name for kind in ("estimates", "measurements", "truth") for path in folder.glob(f"{kind}[._]*")]
     return "".join(f", {name}" for name in sorted(tables))
+
+
+def _write_measured(dataset: xr.Dataset, scenario: Any, folder: Path) -> None:
+    """Write what was measured, and the truth, as tables, and as a message where the scenario has a date."""
+    from quietfix.diagrams.own.writing import write_measurements, write_truth
+
+    write_measurements(dataset, scenario, folder / "measurements.csv")
+    write_truth(dataset, folder / "truth.csv")
+    _write_message(scenario, folder)
 
 
 def _write_message(scenario: Any, folder: Path) -> None:

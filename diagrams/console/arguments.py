@@ -89,7 +89,9 @@ TYPE = typer.Option("--type", metavar="TYPE", help="For `iq`: their SigMF dataty
 WRITE_MEASUREMENTS = typer.Option("--write-measurements", help="Write what was measured into DIR, for --measurements.")
 TRUTH = typer.Option(metavar="FILE", help="With measurements: where the target was, a CSV track; errors are told then.")
 OVERWRITE = typer.Option("--overwrite", help="Replace an earlier result in DIR.")
-RESULTS = typer.Option("--out", metavar="DIR", help="Write results, summary and figures here.")
+RESULTS = typer.Option(
+    "--out", metavar="DIR", help="Write results, summary and figures here; a folder, or a URL of `run`."
+)
 
 
 def whole(value: str) -> int:

@@ -209,8 +209,10 @@ def say_interrupted(folder: OutputFolder) -> None:
     """Say on standard error what an interrupted run has finished."""
     if folder.ledger is not None and folder.chunks:
         of, what = _counted(folder)
+        url = getattr(folder, "url", None)  # of one that is in an object store, too
+        final, kept = (url, url) if url else (folder.final, folder.partial)
         command = folder.ledger.plan.asked.get("command", "run")
-        again = f"with --resume {folder.final} the same `quietfix {command}` goes on"
+        again = f"with --resume {final} the same `quietfix {command}` goes on"
         if command == "run":
-            again = f"`quietfix run --resume {folder.final}` goes on"
-        print(f"quietfix: {folder.trials} of {of} {what} are kept in {folder.partial}; {again}", file=sys.stderr)
+            again = f"`quietfix run --resume {final}` goes on"
+        print(f"quietfix: {folder.trials} of {of} {what} are kept in {kept}; {again}", file=sys.stderr)

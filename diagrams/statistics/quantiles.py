@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 _HUGE = 1e150  # stands for infinity while percentiles are interpolated; its square is still finite
 _IN_MEMORY = 1 << 27  # bytes; columns that need more wait in a file
-_AT_ONCE = 1 << 25  # bytes of columns that are handed out together
+_AT_ONCE = 1 << 23  # bytes of columns that are handed out together
 
 
 def median(error: xr.DataArray) -> xr.DataArray:

@@ -40,8 +40,8 @@ def diff_command(a: Path, b: Path, at: float | None, estimators: Sequence[str] |
         places, why_not = _paired(first, second)
         found = _found(first, second, pairs, at, places)
     told = {
-        "a": str(a),
-        "b": str(b),
+        "a": str(first.path),
+        "b": str(second.path),
         "paired": places is not None,
         "why_not_paired": why_not,
         "trials_in_common": None if places is None else int(places[0].size),

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import mkdtemp
 
 import xarray as xr
 
 from quietfix.diagrams.chunks.ledger import read_plan
+from quietfix.diagrams.cloud.mirrored import fetched
+from quietfix.diagrams.cloud.place import is_url
 from quietfix.diagrams.schema.errors import UserError, choose
 from quietfix.diagrams.studies.marker import MARKER, fingerprint_of, read_mark
 from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION, check_version
@@ -30,8 +35,8 @@ class Opened:
 
     Attributes
     ----------
-    path : Path
-        As it was named.
+    path : Path or str
+        As it was named; of one in an object store its URL.
     folder : Path
         Where its store is.
     kind : str
@@ -42,7 +47,7 @@ class Opened:
         How many trials were asked for; more than there are of one that was interrupted.
     """
 
-    path: Path
+    path: Path | str
     folder: Path
     kind: str
     dataset: xr.Dataset
@@ -70,7 +75,7 @@ def opened(path: Path, command: str) -> Opened:
     Parameters
     ----------
     path : Path
-        Its folder, or the ``results.zarr`` in it.
+        Its folder, or the ``results.zarr`` in it; the URL of one in an object store, which is fetched.
     command : str
         Which command wants it, for messages.
 
@@ -79,6 +84,11 @@ def opened(path: Path, command: str) -> Opened:
     UserError
         If there is none, it has no trials, an earlier or a later version wrote it, or it is not what was written.
     """
+    if is_url(path):
+        work = mkdtemp(prefix="quietfix-")
+        atexit.register(shutil.rmtree, work, True)
+        url, here = fetched(path, command, Path(work))
+        return replace(opened(here, command), path=url)
     folder = path.parent if path.suffix == ".zarr" else path
     mark = read_mark(folder, command)
     if mark is None and os.path.lexists(folder / MARKER):

@@ -19,7 +19,8 @@ __all__ = ["plot_command"]
 def plot_command(path: Path, out: Path | None, overwrite: bool, trust: bool, as_json: bool) -> None:
     """Draw figures again; see ``quietfix plot --help``."""
     result = opened(path, "plot")
-    folder_name = out or result.folder.with_name(f"{result.folder.name}-figures")
+    beside = Path(f"{result.folder.name}-figures")
+    folder_name = out or (beside if isinstance(result.path, str) else result.folder.with_name(beside.name))
     with OutputFolder(folder_name, overwrite, "plot") as folder:
         with reading(path, "plot"):
             left_out = _sweep(result, folder.work) if result.sweeps else _study(result, folder.work, trust)

@@ -1,0 +1,4 @@
+"""Results in an object store, by their URL.
+
+May import: diagrams.chunks, diagrams.schema, diagrams.studies.
+"""
