@@ -50,12 +50,12 @@ def test_a_run_into_a_store_has_the_bytes_of_one_on_disk(place, tmp_path, capsys
 def test_an_interrupted_run_goes_on_from_what_is_in_the_store(place, tmp_path, capsys, monkeypatch):
     ran, parts = [], ShortStudy.parts
 
-    def interrupted(self, progress=False, numbers=None):
-        yield next(parts(self, progress, numbers))
+    def interrupted(self, *arguments):
+        yield next(parts(self, *arguments))
         raise KeyboardInterrupt
 
-    def counted(self, progress=False, numbers=None):
-        for part in parts(self, progress, numbers):
+    def counted(self, *arguments):
+        for part in parts(self, *arguments):
             ran.append(part.number)
             yield part
 
@@ -76,8 +76,8 @@ def test_a_chunk_that_was_lost_in_the_store_is_run_again(place, tmp_path, capsys
     """The record of a chunk says what its files are; one that is short is not it."""
     parts = ShortStudy.parts
 
-    def interrupted(self, progress=False, numbers=None):
-        yield next(parts(self, progress, numbers))
+    def interrupted(self, *arguments):
+        yield next(parts(self, *arguments))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(ShortStudy, "parts", interrupted)
@@ -146,8 +146,8 @@ def test_s3(s3, tmp_path, monkeypatch, capsys):
     shorten(monkeypatch)
     parts = ShortStudy.parts
 
-    def interrupted(self, progress=False, numbers=None):
-        yield next(parts(self, progress, numbers))
+    def interrupted(self, *arguments):
+        yield next(parts(self, *arguments))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(ShortStudy, "parts", interrupted)
