@@ -97,6 +97,9 @@ class Bench:
         options = {name: scenario.estimators[name] for name in estimators}
         builder = DiagramBuilder()
         wired = build(self.model, builder, options, 1)
+        for name, one in wired.estimators.items():
+            if one.smoother is not None:
+                raise UserError(f"estimators.{name}: a smoother is not allowed live; it looks back when a run is over")
         block = wired.bus["raw"].get_system()
         assert isinstance(block, HandedRows)
         self.block, self.estimators = block, wired.estimators
