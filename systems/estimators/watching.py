@@ -54,6 +54,10 @@ class Watching(EnsembleBlock):
         """Return which trials (trials,) want to begin again for reasons of their own; None: none."""
         return None
 
+    def says_lost(self, memory: Memory) -> Mask | None:
+        """Return which trials (trials,) are lost for reasons of the estimator's own; None: none."""
+        return None
+
     def keep_beginning(self, memory: Memory, begun: Memory) -> Memory:
         """Return what is remembered after beginning again, from what was and what the start gives: the latter."""
         return begun
@@ -94,7 +98,9 @@ class Watching(EnsembleBlock):
             belief = updated(context)
             mean, _ = belief.moments(self.moments)
             gone = ~np.isfinite(mean).all(axis=-1) & belief.started
-            flag: Array = ((belief.watch[0] > ALARM) | gone).astype(float)
+            gone |= belief.watch[0] > ALARM
+            own = self.says_lost(belief.memory)
+            flag: Array = (gone if own is None else gone | (own & belief.started)).astype(float)
             return flag
 
         self.declare_output("lost", trials, 1, lost, after, [("lost", "1")])

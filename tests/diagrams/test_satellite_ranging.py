@@ -374,9 +374,10 @@ def test_polar_full_size():
     print("polar", lost, {name: armse(curves(result, name)[0]) for name in names})
     assert lost["ra_normal_look_ahead"] == 0 and lost["iekf"] == 0
     early = {name: at(result, curves(result, name)[0], 100)[0] for name in names}
-    # some runs take a false plane, or find none and wait: 190 km against 52 km
-    assert early["ra_look_ahead"] > 2 * early["ra_normal_look_ahead"]
-    assert armse(curves(result, "ra_look_ahead")[0]) > 1.3 * armse(curves(result, "ra_normal_look_ahead")[0])
+    # slopes diverge there, and clusters of them were false or none in 5 of 100 runs (190 km at 100 s): by likelihood
+    # such a run takes the plane of the likeliest root
+    assert early["ra_look_ahead"] < 1.1 * early["ra_normal_look_ahead"]
+    assert armse(curves(result, "ra_look_ahead")[0]) < 1.1 * armse(curves(result, "ra_normal_look_ahead")[0])
 
 
 @pytest.mark.slow

@@ -129,6 +129,8 @@ MISTAKES = [
     (f"models: {{a: {TURNING}}}", "models.a: the states x, y, heading, rate are not allowed; x, y, z, vx, vy, vz"),
     (f"{ALONE}, filter: !Pf {{}}", "filter: !Pf is not known"),
     (f"{ALONE}, filter: !Ekf {{measurements: [tdoa]}}", "filter.measurements: not allowed here"),
+    (f"{ALONE}, filter: !Ekf {{gate: {{}}}}", "filter: Ekf is not allowed as it stands here"),
+    (f"{ALONE}, transitions: !Sojourn {{mean_s: {{a: 1}}}}, restart: true", "restart: true is not allowed here"),
 ]
 
 

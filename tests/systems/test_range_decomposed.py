@@ -9,7 +9,8 @@ from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.fixes.orbit_plane import common_plane
 from quietfix.systems.fixes.ranged_position import RangedPosition
 from quietfix.systems.motion.orbital import OrbitalMotion
-from quietfix.systems.options.ranging.range_decomposed import Ra, RangeDecomposed, RaPaper
+from quietfix.systems.options.ranging.ra import Ra, RaPaper
+from quietfix.systems.options.ranging.range_decomposed import RangeDecomposed
 from quietfix.systems.starts.start import GivenStart
 from tests.laws.rig import run
 from tests.systems.ranging_scene import EARTH, PRIOR, TARGET, measurements, sensor

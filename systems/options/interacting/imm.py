@@ -45,6 +45,7 @@ class Imm(EstimatorOptions):
         "probability of each model at the start, by its name; none: as in the long run", factory=dict
     )
     filter: Ekf | Iekf | Ukf | Mgekf | custom.Custom = documented("the filter of each model", factory=Ekf)
+    restart: bool = documented("a trial that is lost begins again from a measurement, where the start does", False)
 
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""
@@ -68,7 +69,9 @@ class Imm(EstimatorOptions):
             except ValueError as error:
                 raise ValueError(f"{where}.{error}") from error
         initial = self._initial(where) if self.initial else chain.long_run()
-        return InteractingModels(name, algorithms[0], model, motion, start, wiring, motions, chain, initial)
+        block = InteractingModels(name, algorithms[0], model, motion, start, wiring, motions, chain, initial)
+        block.restart_when_lost(self.restart, f"{where}.restart")
+        return block
 
     def _initial(self, where: str) -> np.ndarray:
         for own, value in self.initial.items():

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quietfix.systems.angles.relative_kinematics import RelativeKinematics
-from quietfix.systems.documented import count, number
+from quietfix.systems.documented import count, documented, number
 from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.hypothesis_bank import HypothesisBank
 from quietfix.systems.estimators.memory import Epoch, Memory
@@ -63,7 +63,10 @@ class RootsStart(Start):
 
     def hypotheses(self, measurement: Array, platforms: Array) -> tuple[Array, Array, Array]:
         """Return means (trials, 3, 6), covariances (trials, 3, 6, 6) and weights (trials, 3), 0 where there is none."""
-        rows = measurement[:, self._rows]
+        return self.of_rows(measurement[:, self._rows], platforms)
+
+    def of_rows(self, rows: Array, platforms: Array) -> tuple[Array, Array, Array]:
+        """Return the same from the sensor's own six rows (trials, 6)."""
         observer = np.broadcast_to(platforms[:, self._observer], rows.shape)
         ranges, means = self._equation.candidates(rows, observer, self._minimum_height)
         covariances = self._inflation * self._equation.state_covariance(
@@ -115,7 +118,10 @@ class RootBank(HypothesisBank):
         self, measurement: Array, platforms: Array, inputs: Mapping[str, Array], epoch: Epoch
     ) -> tuple[Memory, NDArray[np.bool_]]:
         """See `Estimator.first`."""
-        means, covariances, weights = self._roots.hypotheses(measurement, platforms)
+        return self.of_roots(*self._roots.hypotheses(measurement, platforms))
+
+    def of_roots(self, means: Array, covariances: Array, weights: Array) -> tuple[Memory, NDArray[np.bool_]]:
+        """Return the memory that begins with these hypotheses, see `RootsStart.hypotheses`, and who has any."""
         integers = np.full((*weights.shape, 1), np.nan)  # no phases: nothing to tell two roots the same
         return self._memory(means, covariances, weights, integers), np.any(weights > 0, axis=-1)
 
@@ -129,9 +135,12 @@ class Bank(EstimatorOptions):
     max_iterations: int = count("at most so many linearisations per update; 1 is the EKF", 8)
     tolerance: float = number("stop rule ||x_{j+1} - x_j|| <= tolerance, SI units mixed", 1e-2, above=0)
     minimum_height_km: float = number("roots lower than this above the equatorial radius are impossible [km]", 100.0)
+    restart: bool = documented("a trial that is lost begins again from the roots of now", True)
 
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block; it makes its own start."""
         roots = RootsStart(model, wiring.stream, self.inflation, 1e3 * self.minimum_height_km)
         algorithm = IteratedExtendedKalman(self.max_iterations, self.tolerance)
-        return RootBank(name, algorithm, model, motion, roots, wiring, self.least_weight)
+        block = RootBank(name, algorithm, model, motion, roots, wiring, self.least_weight)
+        block.restart_when_lost(self.restart, f"estimators.{name}.restart")
+        return block

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -11,14 +10,13 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
 from quietfix.systems.angles.relative_kinematics import ROWS, RelativeKinematics
-from quietfix.systems.documented import choice, count, documented, number
 from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
-from quietfix.systems.estimators.options import EstimatorOptions
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import predict_extended
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 from quietfix.systems.filters.observation import Observation
+from quietfix.systems.filters.recovery.surprise import ALARM, surprise
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.fixes.orbit_plane import (
     Pattern,
@@ -31,16 +29,27 @@ from quietfix.systems.fixes.orbit_plane import (
 from quietfix.systems.fixes.ranged_position import RangedPosition
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
+from quietfix.systems.options.ranging.plane_search import PlaneSearch
 from quietfix.systems.starts.start import Start
 
-__all__ = ["Ra", "RaPaper", "RangeDecomposed"]
+__all__ = ["RangeDecomposed"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _PREVIEW = 12  # numbers per epoch on the preview port: six rows and the observer's state
 _SLOT = _PREVIEW + 1  # in the window, with the time
-_WINDOW = ("window", "window_mean", "window_covariance")  # remembered of the first epochs, until the plane is known
+_WAITING = ("window", "roots")  # how groups begin that are remembered until the plane is known
+
+
+class _Used(NamedTuple):
+    """What became of an epoch: the belief, what is reported, and NIS and rows (trials,) of what was refused too."""
+
+    belief: _Belief
+    nis: Array
+    dof: Array
+    seen: Array
+    there: Array
 
 
 class _Belief(NamedTuple):
@@ -60,7 +69,11 @@ class RangeDecomposed(Estimator):
     from clustering the candidates of the first `plane_epochs` epochs and then follows the filter's own state.
 
     Until those epochs are there the estimate is the prior; then all of them are used at once, from the prior of the
-    first. Where fewer than half of them agree on a plane, the next ones are waited for. With `look_ahead` the epochs
+    first. Where fewer than half of them agree on a plane, the next ones are waited for; with `by_likelihood`, where it
+    is not beyond doubt which root is the true one (`PlaneSearch`), whose own plane is taken where the cluster is
+    another's. A filter that is lost, by what its gate refuses too, looks for the plane again: its estimate is then the
+    mixture of the roots, and once a root is beyond doubt it goes on from there. While a plane is refused, and until the
+    filter has come back, the port ``lost`` says so. With `look_ahead` the epochs
     come on the port ``preview`` when the run begins, and the filter works from the first one on, as in the paper: not
     causal.
 
@@ -87,6 +100,8 @@ class RangeDecomposed(Estimator):
         Epochs without gate at the beginning.
     minimum_height : float or None
         Roots below this height [m] or unbound are impossible; None: every root counts.
+    by_likelihood : bool
+        See above; False: the cluster alone decides, for good.
     """
 
     def __init__(
@@ -104,6 +119,7 @@ class RangeDecomposed(Estimator):
         gate: float | None = 16.0,
         gate_after: int = 10,
         minimum_height: float | None = 100e3,
+        by_likelihood: bool = True,
     ) -> None:
         if not isinstance(model, RelativeKinematics):
             there = f"{', '.join(ROWS)}; there are {', '.join(model.names)}"
@@ -120,6 +136,8 @@ class RangeDecomposed(Estimator):
         self._gate, self._gate_after = gate, gate_after
         self._minimum_height = minimum_height
         self._algorithm = IteratedExtendedKalman(max_iterations=1)
+        height = -np.inf if minimum_height is None else minimum_height
+        self._search = PlaneSearch(name, model, motion, wiring, height) if by_likelihood else None
         super().__init__(name, model, motion, start, wiring)
 
     @property
@@ -131,15 +149,29 @@ class RangeDecomposed(Estimator):
 
     def memory_sizes(self) -> Mapping[str, int]:
         """See `Estimator.memory_sizes`."""
-        sizes = {"mean": 6, "covariance": 36, "normal": 3, "count": 1, "epochs": 1}
-        return sizes | {"window": self.plane_epochs * _SLOT, "window_mean": 6, "window_covariance": 36}
+        sizes = {
+            "mean": 6,
+            "covariance": 36,
+            "normal": 3,
+            "count": 1,
+            "epochs": 1,
+            "surprise": 1,
+            "again": 1,
+            "seen": 2,
+        }
+        sizes |= {"window": self.plane_epochs * _SLOT, "window_mean": 6, "window_covariance": 36}
+        return sizes | dict(self._search.memory_sizes()) if self._search else sizes
 
     def begin(self, mean: Array, covariance: Array, epoch: Epoch) -> Memory:
         """See `Estimator.begin`."""
         trials = mean.shape[0]
         memory = {group: np.full((trials, size), np.nan) for group, size in self.memory_sizes().items()}
         memory |= {"mean": np.array(mean), "covariance": np.reshape(covariance, (trials, 36)).copy()}
-        return memory | {"count": np.zeros((trials, 1)), "epochs": np.zeros((trials, 1))}
+        memory |= {group: np.zeros((trials, 1)) for group in ("count", "epochs", "surprise", "again")}
+        memory["seen"] = np.zeros((trials, 2))
+        if self._search:
+            self._search.forget(memory, np.arange(trials))
+        return memory
 
     def moments(self, memory: Memory) -> tuple[Array, Array]:
         """See `Estimator.moments`."""
@@ -148,7 +180,8 @@ class RangeDecomposed(Estimator):
     def predict(self, memory: Memory, dt: float, epoch: Epoch) -> Memory:
         """See `Estimator.predict`."""
         mean, covariance = predict_extended(*self.moments(memory), self.motion, dt)
-        return memory | {"mean": mean, "covariance": covariance.reshape(-1, 36)}
+        memory = memory | {"mean": mean, "covariance": covariance.reshape(-1, 36)}
+        return memory | self._search.predict(memory, dt, epoch) if self._search else memory
 
     def _declare_ports(self) -> None:
         if self.look_ahead:
@@ -160,6 +193,9 @@ class RangeDecomposed(Estimator):
         if self.look_ahead:
             ahead = self.read(context, "preview").reshape(-1, self.plane_epochs, _PREVIEW)
             normal, count_ = self._find_plane(ahead)
+            if self._search:
+                normal, sure = self._search.of_epochs(ahead, self._carriers, self._epoch(context), normal)
+                count_ = np.where(sure, float(self.plane_epochs), 0.0)
             self._replace(discrete, "normal", normal)
             self._replace(discrete, "count", count_)
 
@@ -194,18 +230,40 @@ class RangeDecomposed(Estimator):
         predicted = self.model.predict(memory["mean"], platforms)
         innovation = self.model.residual(measurement, predicted)
         nis, dof = np.full(trials, np.nan), np.zeros(trials)
+        memory = memory | {"seen": np.zeros((trials, 2))}
         decided: Mask = np.asarray(memory["count"][:, 0] > 0)
         everyone = bool(decided.all())
-        memory = {group: value if everyone and group in _WINDOW else value.copy() for group, value in memory.items()}
+        memory = {g: value if everyone and g.startswith(_WAITING) else value.copy() for g, value in memory.items()}
         if decided.any():
             which = slice(None) if everyone else np.flatnonzero(decided)
             nis[which], dof[which] = self._step(memory, which, measurement[which], observer[which], predicted[which])
         if not everyone:
-            rows = self._collect(memory, ~decided, measurement, observer, epoch.time)
+            waiting = np.flatnonzero(~decided)
+            if self._search:
+                self._search.update(memory, waiting, observation, epoch)
+            rows = self._collect(memory, waiting, measurement, observer, epoch.time)
             if rows.size:
                 nis[rows], dof[rows] = self._catch_up(memory, rows)
         memory["epochs"] += 1
+        if self._search:
+            self._recover(memory, observation, epoch)
         return memory, Innovation(innovation, nis, dof)
+
+    def _recover(self, memory: Memory, observation: Observation, epoch: Epoch) -> None:
+        """Look for the plane again where the filter is lost; until it is found the estimate is that of the roots."""
+        assert self._search is not None
+        lost = np.flatnonzero((memory["surprise"][:, 0] > ALARM) & (memory["count"][:, 0] > 0))
+        if lost.size:
+            for group, value in (("count", 0.0), ("epochs", 0.0), ("surprise", 0.0), ("again", 1.0)):
+                memory[group] = memory[group].copy()
+                memory[group][lost] = value
+            memory |= {g: value.copy() for g, value in memory.items() if g.startswith(_WAITING)}
+            self._search.forget(memory, lost)
+            self._search.update(memory, lost, observation, epoch)
+        again = np.flatnonzero((memory["again"][:, 0] > 0) & (memory["count"][:, 0] == 0))
+        if again.size:
+            mean, covariance = self._search.moments(memory, again)
+            memory["mean"][again], memory["covariance"][again] = mean, covariance.reshape(-1, 36)
 
     def _step(
         self, memory: Memory, rows: NDArray[np.intp] | slice, measurement: Array, observer: Array, predicted: Array
@@ -218,12 +276,25 @@ class RangeDecomposed(Estimator):
             memory["count"][rows, 0],
         )
         gated = memory["epochs"][rows, 0] >= self._gate_after
-        after, nis, dof = self._use(belief, measurement, observer, predicted, gated)
+        after, nis, dof, seen, there = self._use(belief, measurement, observer, predicted, gated)
         memory["mean"][rows] = after.mean
         memory["covariance"][rows] = after.covariance.reshape(-1, 36)
         memory["normal"][rows] = after.normal
         memory["count"][rows, 0] = after.members
+        total = np.ascontiguousarray(memory["surprise"][rows, 0])
+        surprise(np.ascontiguousarray(seen), there, total)
+        memory["surprise"][rows, 0] = total
+        memory["seen"][rows] = np.stack([seen, there], axis=-1)
         return nis, dof
+
+    def evidence(self, memory: Memory, innovation: Innovation) -> tuple[Array, Array]:
+        """See `Watching.evidence`: of what the gate has refused, too."""
+        return memory["seen"][:, 0], memory["seen"][:, 1]
+
+    def says_lost(self, memory: Memory) -> Mask | None:
+        """See `Watching.says_lost`: no plane is beyond doubt after the first window, or the one that was has failed."""
+        refused = (memory["epochs"][:, 0] >= self.plane_epochs) | (memory["again"][:, 0] > 0)
+        return np.asarray(refused & (memory["count"][:, 0] == 0))
 
     def _carriers(self, observer: Array) -> Array:
         """Return platforms (trials, p, 6) of which only the observer (trials, 6) is somewhere."""
@@ -231,9 +302,7 @@ class RangeDecomposed(Estimator):
         platforms[:, self._observer] = observer
         return platforms
 
-    def _use(
-        self, belief: _Belief, measurement: Array, observer: Array, predicted: Array, gated: Mask
-    ) -> tuple[_Belief, Array, Array]:
+    def _use(self, belief: _Belief, measurement: Array, observer: Array, predicted: Array, gated: Mask) -> _Used:
         mean, covariance, normal, count_ = belief
         trials = np.arange(mean.shape[0])
         ranges, states = self.equation.candidates(measurement, observer, self._minimum_height)
@@ -263,19 +332,20 @@ class RangeDecomposed(Estimator):
         covariance = np.where(used[:, None, None], result.covariance, covariance)
         count_ = count_ + used
         normal = np.where(used[:, None], self._follow(normal, count_, mean), normal)
-        return (
+        return _Used(
             _Belief(mean, covariance, normal, count_),
             np.where(used, result.nis, np.nan),
             np.where(used, 3.0, 0.0),
+            np.where(usable, result.nis, np.nan),
+            np.where(usable, 3.0, 0.0),
         )
 
     # ---- the first epochs
 
     def _collect(
-        self, memory: Memory, waiting: Mask, measurement: Array, observer: Array, time: float
+        self, memory: Memory, rows: NDArray[np.intp], measurement: Array, observer: Array, time: float
     ) -> NDArray[np.intp]:
-        """Put an epoch into the window; return the trials that found their plane with it."""
-        rows = np.flatnonzero(waiting)
+        """Put an epoch into the windows of some trials; return those that found their first plane with it."""
         slots = memory["epochs"][rows, 0].astype(int) % self.plane_epochs
         fresh = rows[slots == 0]
         memory["window"][fresh] = np.nan
@@ -288,8 +358,18 @@ class RangeDecomposed(Estimator):
         if full.size == 0:
             return full
         normal, count_ = self._find_plane(window[full, :, :_PREVIEW])
+        if self._search:
+            normal, sure = self._search.decide(memory, full, normal)
+            count_ = np.where(sure, float(self.plane_epochs), 0.0)
         memory["normal"][full], memory["count"][full, 0] = normal, count_
-        return full[count_ > 0]
+        found = full[count_ > 0]
+        again = memory["again"][found, 0] > 0
+        if self._search and found.size:
+            if again.any():
+                mean, covariance = self._search.moments(memory, found[again])
+                memory["mean"][found[again]], memory["covariance"][found[again]] = mean, covariance.reshape(-1, 36)
+            self._search.forget(memory, found)
+        return found[~again]
 
     def _catch_up(self, memory: Memory, rows: NDArray[np.intp]) -> tuple[Array, Array]:
         """Filter the epochs of the window, from the belief at the first of them."""
@@ -316,69 +396,3 @@ class RangeDecomposed(Estimator):
                 memory["mean"][some], memory["covariance"][some].reshape(-1, 6, 6), self.motion, float(length)
             )
             memory["mean"][some], memory["covariance"][some] = mean, covariance.reshape(-1, 36)
-
-
-@dataclass(frozen=True)
-class Ra(EstimatorOptions):
-    """Range-decomposed filter (RA) with what it needs to work; see `RangeDecomposed`."""
-
-    plane_epochs: int = count("epochs whose orbit planes are clustered", 20, at_least=2)
-    pattern: str = choice(
-        "what is clustered: slopes (a, b) of the plane as in the paper, or its unit normal",
-        "slopes",
-        ("slopes", "normal"),
-    )
-    look_ahead: bool = documented(
-        "true: the plane from the first epochs, the filter from epoch 0, as in the paper (not causal); "
-        "false: the prior until the plane is known, then the stored epochs at once",
-        False,
-    )
-    gate: float = number("positions with a larger NIS (3 degrees of freedom) are not used", 16.0, above=0)
-    gate_after: int = count("epochs without this gate at the beginning", 10, at_least=0)
-    minimum_height_km: float = number("roots lower than this above the equatorial radius are impossible [km]", 100.0)
-
-    def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
-        """Return the estimator block."""
-        return RangeDecomposed(
-            name,
-            model,
-            motion,
-            start,
-            wiring,
-            plane_epochs=self.plane_epochs,
-            pattern="normal" if self.pattern == "normal" else "slopes",
-            look_ahead=self.look_ahead,
-            gate=self.gate,
-            gate_after=self.gate_after,
-            minimum_height=1e3 * self.minimum_height_km,
-        )
-
-
-@dataclass(frozen=True)
-class RaPaper(EstimatorOptions):
-    """Range-decomposed filter as printed by Wu, Xin and Wan.
-
-    It differs from `Ra` in the printed choices only: the plane from 6 epochs that are known in advance and averaged as
-    slopes, every positive root a candidate, the covariance at the measured root (37), no gate. After the singularity
-    noise-shifted roots look precise there, and a third of the runs end far off.
-    """
-
-    plane_epochs: int = count("epochs whose orbit planes are clustered", 6, at_least=2)
-    look_ahead: bool = documented("the plane from the first epochs, the filter from epoch 0 (not causal)", True)
-
-    def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
-        """Return the estimator block."""
-        return RangeDecomposed(
-            name,
-            model,
-            motion,
-            start,
-            wiring,
-            plane_epochs=self.plane_epochs,
-            pattern="slopes",
-            track="slopes",
-            look_ahead=self.look_ahead,
-            covariance_at="root",
-            gate=None,
-            minimum_height=None,
-        )
