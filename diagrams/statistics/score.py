@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from quietfix.diagrams.quantities.states import block, columns, shared
+from quietfix.diagrams.quantities.states import columns, shared
+from quietfix.systems.kernels.scoring.calls import normalised
 from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["Score", "normalised_error"]
@@ -25,24 +26,37 @@ def normalised_error(error: Array, covariance: Array) -> Array:
     covariance : ndarray, shape (..., n, n)
         A trial in which it is not finite or singular gives NaN, and only that trial.
     """
-    scale = np.sqrt(np.einsum("...ii->...i", covariance))
-    good = np.isfinite(covariance).all(axis=(-1, -2)) & np.isfinite(error).all(axis=-1) & (scale > 0).all(axis=-1)
-    safe = np.where(good[..., None], scale, 1.0)
-    correlation = np.where(
-        good[..., None, None], covariance / (safe[..., :, None] * safe[..., None, :]), np.eye(error.shape[-1])
+    k = error.shape[-1]
+    leading = np.broadcast_shapes(error.shape[:-1], covariance.shape[:-2])
+    errors = np.broadcast_to(error, (*leading, k)).reshape(-1, k)
+    return _normalised(errors, np.broadcast_to(covariance, (*leading, k, k)).reshape(-1, k, k), np.arange(k)).reshape(
+        leading
     )
-    scaled = np.where(good[..., None], error / safe, 0.0)
+
+
+def _normalised(error: Array, covariance: Array, places: NDArray[np.int64]) -> Array:
+    """Return it for errors (trials, k) of the `places` (k,) of covariances (trials, n, n)."""
+    nees = normalised(error, covariance, places)
+    left = np.isinf(nees)
+    if left.any():
+        nees[left] = _indefinite(error[left], covariance[left][:, places[:, None], places])
+    return nees
+
+
+def _indefinite(error: Array, covariance: Array) -> Array:
+    """Return it for finite matrices that have no Cholesky factor: NaN where one is singular."""
+    scale = np.sqrt(np.einsum("...ii->...i", covariance))
+    correlation = covariance / (scale[..., :, None] * scale[..., None, :])
+    scaled = error / scale
+    full = np.ones(len(error), dtype=bool)
     try:
         solved = np.linalg.solve(correlation, scaled[..., None])[..., 0]
     except np.linalg.LinAlgError:  # one matrix is singular: LAPACK then refuses all of them
         full = np.linalg.matrix_rank(correlation, hermitian=True) == error.shape[-1]
-        good = good & full
         solved = np.linalg.solve(
             np.where(full[..., None, None], correlation, np.eye(error.shape[-1])), scaled[..., None]
-        )
-        solved = solved[..., 0]
-    nees = np.einsum("...i,...i->...", scaled, solved)
-    return np.where(good, nees, np.nan)
+        )[..., 0]
+    return np.where(full, np.einsum("...i,...i->...", scaled, solved), np.nan)
 
 
 class Score(EnsembleBlock):
@@ -70,6 +84,7 @@ class Score(EnsembleBlock):
         self.scored = shared(estimate_names, truth_names)
         self._here, self._there = columns(estimate_names, self.scored), columns(truth_names, self.scored)
         self._size = len(estimate_names)
+        self._places = np.arange(self._size)[self._here]
         self.declare_input("truth", truth_trials, len(truth_names))
         self.declare_input("estimate", trials, self._size)
         self.declare_input("covariance", trials, self._size**2)
@@ -82,4 +97,4 @@ class Score(EnsembleBlock):
             return np.full((len(estimate), 1), np.nan)
         error = estimate[:, self._here] - self.read(context, "truth")[:, self._there]
         covariance = self.read(context, "covariance").reshape(-1, n, n)
-        return normalised_error(error, block(covariance, self._here))[:, None]
+        return _normalised(error, covariance, self._places)[:, None]
