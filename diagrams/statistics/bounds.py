@@ -8,7 +8,7 @@ away and give a bound several times too small.)
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,6 +31,7 @@ from quietfix.diagrams.statistics.paths.smoothing_bound import smoothing_bound
 from quietfix.diagrams.statistics.posterior_bound import bound_steps
 from quietfix.diagrams.statistics.state_errors import NEEDED, QUANTITIES
 from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.kernels.scoring.calls import add_finite
 from quietfix.systems.motion.base import MotionModel
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
 ]
 
 _KINDS = ("bound", "bound_truth")
+_AT_ONCE = 1000  # covariances judged in one go: a few hundred kilobytes
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -123,6 +125,22 @@ def _variance(covariance: Array, direction: Array) -> Array:
     return (direction[..., None, :] @ covariance @ direction[..., None])[..., 0, 0]
 
 
+def _squares_of(
+    steps: Iterator[Array], places: slice | list[int], state: Array, names: Sequence[str], axes: Frame
+) -> Array:
+    """Return the squares (6, time, trials) of one epoch after the other, at states (trials or 1, time, n)."""
+    parts: list[Array] = []
+    waiting: list[Array] = []
+    first = 0
+    for k in range(state.shape[1]):
+        waiting.append(block(next(steps), places))
+        if k + 1 == state.shape[1] or len(waiting) * len(waiting[0]) >= _AT_ONCE:
+            here = np.swapaxes(state[:, first : k + 1], 0, 1)
+            parts.append(bound_squares(np.stack(waiting), here, names, axes))
+            waiting, first = [], k + 1
+    return np.concatenate(parts, axis=1)
+
+
 class BoundSums:
     """Sums over trials of the squared bounds, so that the chunks of a study can be added up.
 
@@ -141,11 +159,8 @@ class BoundSums:
 
         One trial after the other, so that the sum does not depend, to the last bit, on how a study is cut.
         """
-        each = np.broadcast_to(squares, (*squares.shape[:-1], trials))
-        known = np.isfinite(each)
-        parts = np.concatenate([self._sums[..., None], np.where(known, each, 0.0)], axis=-1)
-        self._sums = np.cumsum(parts, axis=-1)[..., -1]
-        self._counts += np.count_nonzero(known, axis=-1)
+        self._sums, self._counts = self._sums.copy(), self._counts.copy()  # `parts` may have given them away
+        add_finite(squares.reshape(-1, squares.shape[-1]), trials, self._sums.reshape(-1), self._counts.reshape(-1))
 
     @property
     def parts(self) -> Array:
@@ -192,6 +207,7 @@ class StudyBounds:
     times: Array
     _sums: dict[tuple[str, str], BoundSums] = field(default_factory=dict)
     _warned: set[str] = field(default_factory=set)
+    _shared: tuple[Any, list[tuple[tuple[Any, ...], Array]]] = field(default_factory=lambda: (None, []))
 
     def __post_init__(self) -> None:
         """Note what the states are called."""
@@ -227,12 +243,20 @@ class StudyBounds:
             arrival = arrival[:1]
         arrays = [truth, platforms] if present is None else [truth, platforms, present]
         count = trials or max(array.shape[0] for array in arrays)
-        done: list[tuple[tuple[Any, ...], Array]] = []
+        done = self._known(truth, platforms, present, arrival)
         for name, estimator in self.wired.estimators.items():
             for kind, motion in zip(_KINDS, (estimator.motion, self.wired.model.truth_motion), strict=True):
                 squares = self._squares(name, estimator, motion, truth, platforms, present, arrival, done)
                 sums = self._sums.setdefault((name, kind), BoundSums(self.times.size))
                 sums.add(squares, count)
+
+    def _known(self, *given: Array | None) -> list[tuple[tuple[Any, ...], Array]]:
+        """Return what is known of such a chunk: where its trials share all that a bound is made of, it comes again."""
+        if any(array is not None and array.shape[0] != 1 for array in given):
+            return []
+        if not alike(given, self._shared[0]):
+            self._shared = tuple(None if array is None else array.copy() for array in given), []
+        return self._shared[1]
 
     def take(self) -> Array:
         """Return the sums of what was added, (estimators, 2, 2, 6, time), and begin anew; sums can be added."""
@@ -286,11 +310,7 @@ class StudyBounds:
             steps = iter(smoothing_bound(steps, state if flown is None else flown, self.times, moves, looks.lag))
         both = shared(own.names, names)
         places = columns(own.names, both)
-        parts = [
-            bound_squares(block(p, places), state[:, k][..., places], both, self.wired.model.axes)
-            for k, p in enumerate(steps)
-        ]
-        squares = np.stack(parts, axis=1)
+        squares = _squares_of(steps, places, state[..., places], both, self.wired.model.axes)
         squares[[not self._complete(what, both) for what in QUANTITIES]] = np.nan
         done.append((key, squares))
         return squares
