@@ -88,7 +88,7 @@ class Rocket(EnsembleBlock):
         self._segments = fly(model, self.end) if segments is None else segments
         self._begins = np.array([begin for begin, _ in self._segments])
         ticket = {self.time_ticket()}
-        self.declare_output("state", 1, 6, lambda c: self.at(c.get_time())[0][None], ticket)
+        self.declare_output("state", 1, 6, lambda c: self._state(c.get_time())[0][None], ticket)
         self.declare_output("acceleration", 1, 3, lambda c: self.at(c.get_time())[1][None], ticket)
         self.declare_output("stage", 1, 1, self._stage, ticket, [("stage", "1")])
 
@@ -98,15 +98,21 @@ class Rocket(EnsembleBlock):
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Return state (6,) and acceleration (3,) at `time` [s]; at rest before lift-off, NaN after the end."""
+        state, program_time = self._state(time)
+        if program_time is None:
+            return state, state[:3].copy()
+        return state, self.model.acceleration(time, state, program_time)
+
+    def _state(self, time: float) -> tuple[Array, float | None]:
+        """Return the state and an instant inside its smooth segment; none before lift-off and after the end."""
         if time > self.end:
-            return np.full(6, np.nan), np.full(3, np.nan)
+            return np.full(6, np.nan), None
         if time < self._begins[0]:
-            return np.zeros(6), np.zeros(3)
+            return np.zeros(6), None
         i = int(np.searchsorted(self._begins, time, side="right")) - 1
         begin, solution = self._segments[i]
         stop = self._begins[i + 1] if i + 1 < self._begins.size else self.end
-        state = np.asarray(solution(time))
-        return state, self.model.acceleration(time, state, 0.5 * (begin + stop))
+        return np.asarray(solution(time)), 0.5 * (begin + stop)
 
     def _stage(self, context: Context) -> Array:
         return np.array([[float(self.model.stage(context.get_time()))]])
