@@ -250,7 +250,7 @@ class StudyBounds:
                 sums = self._sums.setdefault((name, kind), BoundSums(self.times.size))
                 sums.add(squares, count)
 
-    def _known(self, *given: Array | None) -> list[tuple[tuple[Any, ...], Array]]:
+    def _known(self, *given: NDArray[Any] | None) -> list[tuple[tuple[Any, ...], Array]]:
         """Return what is known of such a chunk: where its trials share all that a bound is made of, it comes again."""
         if any(array is not None and array.shape[0] != 1 for array in given):
             return []

@@ -342,3 +342,25 @@ def test_a_low_target_and_its_normal():
         state[None, None], np.zeros((1, 1, 1, 6)), [0.0], Linear(np.eye(6), np.eye(6)), ConstantVelocity(0), start, True
     )
     assert bound_curves(found, state[None, None])["height"][0] == pytest.approx(10.0, rel=1e-6)
+
+
+def test_chunks_that_share_truth_and_measurements_share_their_bounds_and_no_others():
+    times, truth, platforms = passing(epochs=3, step=1.0)
+    study = StudyBounds(wired(()), times)
+    study.add(truth, platforms, 2)
+    first = study.take()
+    with counting() as counts:
+        study.add(truth.copy(), platforms.copy(), 2)
+    assert counts["bounded"] == 0
+    np.testing.assert_array_equal(study.take(), first)
+    elsewhere = truth + np.array([30e3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    present = np.ones(
+        (1, times.size, len(study.wired.stream or next(iter(study.wired.estimators.values())).wiring.stream)),
+        dtype=bool,
+    )
+    present[:, 1] = False
+    for changed in ((elsewhere, platforms, 2), (truth, platforms, 2, present)):
+        with counting() as counts:
+            study.add(*changed)
+        assert counts["bounded"] == 6
+        assert (study.take()[:, 0, 0, 0, 1] != first[:, 0, 0, 0, 1]).all()
