@@ -213,9 +213,9 @@ class Crew:
         except Exception as error:
             raise self._failed(running[future], error) from error
 
-    def _failed(self, task: _Task, error: BaseException) -> UserError:
+    def _failed(self, task: _Task, error: BaseException) -> Lost:
         words = " ".join(str(error).split())
-        return UserError(
+        return Lost(
             f"{self._option}: {self._named(task)} cannot be run by a worker ({type(error).__name__}: {words}); is the "
             "same Quietfix installed there?"
         )

@@ -66,6 +66,12 @@ class Tried:
         """Wait for a random moment of a run."""
         time.sleep(self.seconds[name, bool(options)] * chance.uniform(0.02, 0.95))
 
+    def middle(self, command, chance):
+        """Wait until a run is at work: until some of its chunks are finished, and a bit."""
+        chunks, some = self.root / "d.partial" / ".quietfix-chunks", chance.integers(1, 6)
+        until(lambda: not command.running() or len(list(chunks.glob("*.npz"))) >= some, command.log.name)
+        time.sleep(0.1 * chance.uniform())
+
     def check_untouched(self):
         """See that nothing but the run's own folder is changed, and that is whole if it has its final name."""
         now = picture(self.root)
@@ -173,10 +179,9 @@ def test_workers_are_killed_and_nothing_is_seen_of_it(tried, cluster):
     options = ["--scheduler", cluster.address]
     for name in NAMES:
         tried.learn(name)
-        tried.learn(name, *options)
     for name, number in WORKER_OF_CLUSTER:
         command = tried.command(name, "--resume", "d", *options)
-        tried.moment(name, options, chance)
+        tried.middle(command, chance)
         command.kill(number, chance.choice(until(cluster.workers, "a worker")))
         status = command.wait()
         assert status in (0, 3 if name == "verify" else 0), command.said()
@@ -189,9 +194,8 @@ def test_the_scheduler_is_killed(tried, cluster):
     for name, number in SCHEDULER:
         options = ["--scheduler", cluster.address]
         tried.learn(name)
-        tried.learn(name, *options)
         command = tried.command(name, "--resume", "d", *options)
-        tried.moment(name, options, chance)
+        tried.middle(command, chance)
         command.kill(number, cluster.scheduler)
         status, said = command.wait(), command.said()
         lines = [line for line in said.splitlines() if line.startswith("quietfix: ")]
@@ -208,10 +212,9 @@ def test_workers_of_its_own(tried):
     options = ["--workers", "2"]
     for name in ("run", "verify"):
         tried.learn(name)
-        tried.learn(name, *options)
     for name, number, whose in OF_OWN_WORKERS:
         command = tried.command(name, "--resume", "d", *options)
-        tried.moment(name, options, chance)
+        tried.middle(command, chance)
         workers = spawned(command.pid)
         if whose == "parent":
             check_parent(command, number, command.kill(number))
