@@ -457,7 +457,8 @@ EXAMPLES = {
         Imm(models={"calm": AsBelieved(), "agile": AsBelieved(4.0)}, transitions=Sojourn({"calm": 60.0, "agile": 9.0})),
         Imm(
             models={"a": WrittenAcceleration(0.01), "b": AsBelieved(0.3), "c": WrittenVelocity(5.0)},
-            transitions=Matrix([[0.9, 0.1, 0.0], [0.1, 0.8, 0.1], [0.0, 0.3, 0.7]]),
+            # a power of matrices of shorter steps: the same laws hold at any step
+            transitions=Matrix([[0.92, 0.06, 0.02], [0.08, 0.85, 0.07], [0.03, 0.12, 0.85]]),
             filter=Ukf(),
         ),
     ],

@@ -11,8 +11,14 @@ from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import GaussianFilter
-from quietfix.systems.filters.hypotheses import mixture, normalised
-from quietfix.systems.filters.interacting import finite_models, innovation_likelihood, mixed, updated_probabilities
+from quietfix.systems.filters.hypotheses import normalised
+from quietfix.systems.filters.interacting import (
+    combined,
+    finite_models,
+    innovation_likelihood,
+    mixed,
+    updated_probabilities,
+)
 from quietfix.systems.filters.mode_chain import ModeChain
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.square_root import Posterior
@@ -123,7 +129,7 @@ class InteractingModels(Estimator):
         means, covariances, probabilities = self._tables(memory)
         if len(self.motions) == 1:
             return means[:, 0], covariances[:, 0]
-        return mixture(means, covariances, probabilities)
+        return combined(means, covariances, probabilities)
 
     # ---- a step
 
@@ -156,9 +162,9 @@ class InteractingModels(Estimator):
         likelihood[finite] = innovation_likelihood(prior[finite], result.covariance[finite], result.nis[finite])
         before = normalised(np.where(sound, probabilities, 0.0))
         posterior = self._memory(*after, updated_probabilities(before, likelihood.reshape(trials, k)))
-        combined, spread = mixture(means, covariances, before)
-        there = finite_models(combined[None], spread[None])[0]
-        seen = self._update(combined, spread, there, observation)
+        together, spread = combined(means, covariances, before)
+        there = finite_models(together[None], spread[None])[0]
+        seen = self._update(together, spread, there, observation)
         return posterior, Innovation(seen.innovation, seen.nis, seen.nis_dof)
 
     def _update(self, mean: Array, covariance: Array, sound: Mask, observation: Observation) -> Posterior:
