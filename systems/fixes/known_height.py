@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef, up, vertical
 from quietfix.systems.geometry.lines_of_sight import line_of_sight
+from quietfix.systems.kernels.fixing.calls import known_height
 from quietfix.systems.linear_algebra import inverses, solve
 from quietfix.systems.measurement.base import differenced_covariance
 from quietfix.systems.measurement.tdoa import Tdoa
@@ -189,37 +190,8 @@ def _below(satellite: Array, height: Array) -> Array:
 
 def _newton(delays: Array, satellites: Array, height: Array, start: Array) -> Array:
     """Solve for [c tau1, c tau2, h]; each trial stops when it has converged, NaN where it does not."""
-    position = np.full(start.shape, np.nan)
-    known = np.sum(start, axis=-1) + np.sum(delays, axis=-1) + height + np.sum(satellites, axis=(-1, -2))
-    active = np.flatnonzero(np.isfinite(known))
-    p, h, ranges = start[active], height[active], SPEED_OF_LIGHT * delays[active]
-    s = satellites if satellites.shape[0] == 1 else satellites[active]
-    for _ in range(_ITERATIONS):
-        if active.size == 0:
-            break
-        offset = p[:, None, :] - s
-        distance = np.sqrt(np.einsum("...i,...i->...", offset, offset))
-        u = offset / distance[..., None]
-        normal, above = vertical(p)
-        gradient = np.empty((active.size, 3, 3))
-        gradient[:, :2] = u[:, 1:] - u[:, :1]
-        gradient[:, 2] = normal
-        residual = np.empty((active.size, 3))
-        residual[:, :2] = ranges - (distance[:, 1:] - distance[:, :1])
-        residual[:, 2] = h - above
-        singular = np.abs(np.linalg.det(gradient)) < 1e-12
-        if singular.any():
-            gradient[singular] = np.eye(3)
-        step = solve(gradient, residual[..., None])[..., 0]
-        size = np.sqrt(np.einsum("...i,...i->...", step, step))
-        p = p + step * np.minimum(1.0, _LARGEST_STEP / np.maximum(size, 1.0))[:, None]
-        done = (size < _CONVERGED) & ~singular
-        position[active[done]] = p[done]
-        going = ~done & np.isfinite(size)
-        if not going.all():
-            active, p, h, ranges = active[going], p[going], h[going], ranges[going]
-            s = s if s.shape[0] == 1 else s[going]
-    return position
+    rule = _ITERATIONS, _LARGEST_STEP, _CONVERGED
+    return known_height(SPEED_OF_LIGHT * delays, satellites, height, start, rule)
 
 
 def _quartic(delays: Array, satellites: Array, height: Array) -> Array:

@@ -1,0 +1,4 @@
+"""Compiled iterations of fixes.
+
+May import: systems.kernels, systems.kernels.models.
+"""
