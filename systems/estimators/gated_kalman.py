@@ -41,6 +41,9 @@ class GatedKalman(KalmanEstimator):
       the rows the start took one with probability p, both epochs after it with :math:`p^2`. Only where the start
       begins from a measurement.
 
+    Before the first pass, all rows together are tested where the start took a measurement (its gross error shows in
+    no row by itself); a belief that was given has taken none, and there each row is tested by itself.
+
     Missing rows are neither refused nor passed. ``nis`` and ``nis_dof`` are over the rows used; whether the filter is
     ``lost`` is judged by all that were there, for what passes a gate is never surprising.
 
@@ -118,8 +121,10 @@ class GatedKalman(KalmanEstimator):
         nis, rows = normalised(seen)
         refused, there = self.gate.refused(seen, nis, rows)
         fresh = np.flatnonzero((there & (memory["passed"] == 0)).any(axis=-1))
-        if fresh.size and self.gate.per == "row":
+        if fresh.size and self.beginning and self.gate.per == "row":
             refused[fresh] |= self._at_odds(seen, refused, fresh)
+        if fresh.size and not self.beginning and self.gate.per == "epoch":
+            refused[fresh] &= self._beyond_doubt(seen, rows, fresh)
         belief = {group: memory[group] for group in super().memory_sizes()}
         refusals, releases, doubt = memory["refusals"], memory["releases"], np.zeros((mean.shape[0], 1))
         if refused.any():
@@ -155,6 +160,19 @@ class GatedKalman(KalmanEstimator):
         nis, rows = normalised(Screened(left, seen.own[fresh], seen.noise[fresh]))
         together: Mask = np.isfinite(left) & self.gate.improbable(nis, rows)[:, None]
         return together
+
+    def _beyond_doubt(self, seen: Screened, rows: Array, fresh: NDArray[np.intp]) -> Mask:
+        r"""Return which epochs (fresh, 1) a row by itself makes improbable, or are told by a belief that is sharp.
+
+        A wide belief that was given is bent by the measurements' curvature within it: rows that it knows well only
+        together are then at odds with it though nothing is wrong. No row by itself has a larger
+        :math:`\nu_i^2 / S_{ii}` than all together, so that fewer sound epochs are refused, and not more.
+        """
+        there = np.isfinite(seen.innovation[fresh])
+        spread = np.where(there, (seen.own_variances + seen.noise_variances)[fresh], 1.0)
+        ratio = (np.where(there, seen.innovation[fresh], 0.0) ** 2 / spread).max(axis=-1, initial=0.0)
+        beyond: Mask = self._sharp(seen)[fresh] | self.gate.improbable(ratio, rows[fresh])[:, None]
+        return beyond
 
     def _sharp(self, seen: Screened) -> Mask:
         """Return which tests tell of the start (trials, tests): before it a row was known about as well as it measures.
