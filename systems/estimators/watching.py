@@ -11,6 +11,7 @@ from pydrake.systems.framework import Context
 
 from quietfix.systems.estimators.memory import Innovation, Memory, Remembered
 from quietfix.systems.filters.recovery.surprise import ALARM, surprise
+from quietfix.systems.linear_algebra import all_finite
 from quietfix.systems.signals import EnsembleBlock
 from quietfix.systems.starts.start import Start
 
@@ -97,8 +98,9 @@ class Watching(EnsembleBlock):
         def lost(context: Context) -> Array:
             belief = updated(context)
             mean, _ = belief.moments(self.moments)
-            gone = ~np.isfinite(mean).all(axis=-1) & belief.started
-            gone |= belief.watch[0] > ALARM
+            gone = belief.watch[0] > ALARM
+            if not all_finite(mean):
+                gone |= ~np.isfinite(mean).all(axis=-1) & belief.started
             own = self.says_lost(belief.memory)
             flag: Array = (gone if own is None else gone | (own & belief.started)).astype(float)
             return flag

@@ -96,9 +96,8 @@ def known_height_fix(
     satellites = np.asarray(satellites, dtype=float)[..., :3]
     if start is None:
         start = _first_guess(delays, satellites, height, method)
-    position = _newton(delays, satellites, height, start)
-    seen = np.einsum("...i,...i->...", satellites - position[:, None, :], up(position)[:, None, :]) > 0
-    return np.where(np.all(seen, axis=-1)[:, None], position, np.nan)
+    rule = _ITERATIONS, _LARGEST_STEP, _CONVERGED
+    return known_height(SPEED_OF_LIGHT * delays, satellites, height, start, rule)
 
 
 def wave_front_fix(
@@ -186,12 +185,6 @@ def _first_guess(delays: Array, satellites: Array, height: Array, method: Method
 def _below(satellite: Array, height: Array) -> Array:
     latitude, longitude, _ = ecef_to_geodetic(satellite)
     return geodetic_to_ecef(latitude, longitude, height)
-
-
-def _newton(delays: Array, satellites: Array, height: Array, start: Array) -> Array:
-    """Solve for [c tau1, c tau2, h]; each trial stops when it has converged, NaN where it does not."""
-    rule = _ITERATIONS, _LARGEST_STEP, _CONVERGED
-    return known_height(SPEED_OF_LIGHT * delays, satellites, height, start, rule)
 
 
 def _quartic(delays: Array, satellites: Array, height: Array) -> Array:

@@ -45,11 +45,24 @@ def _step(ranges: Any, satellites: Any, height: float, p: Any) -> Any:
     return x, y, z, True
 
 
+@inlined
+def _in_sight(p: Any, satellites: Any) -> bool:
+    """Return whether all satellites are above the horizon of a place."""
+    nx, ny, nz, _ = vertical(p[0], p[1], p[2])
+    for i in range(satellites.shape[0]):
+        x, y, z = satellites[i, 0] - p[0], satellites[i, 1] - p[1], satellites[i, 2] - p[2]
+        if not x * nx + y * ny + z * nz > 0.0:
+            return False
+    return True
+
+
 @compiled("int64(float64[:,::1],float64[:,:,::1],float64[::1],int64,float64,float64,float64[:,::1])")
 def newton(
     ranges: Any, satellites: Any, height: Any, iterations: int, largest: float, converged: float, position: Any
 ) -> int:
-    """Write into `position` (trials, 3), which holds the starts, where it ends; NaN where it does not. Returns 0.
+    """Write into `position` (trials, 3), which holds the starts, where it ends; 0 is returned.
+
+    NaN where it does not end, or not in sight of all satellites.
 
     `ranges` (trials, 2) are the differences to satellite 0, `satellites` (1 or trials, 3, 3), `height` (trials,) above
     the ellipsoid. No step is longer than `largest`; the last is shorter than `converged`.
@@ -67,6 +80,6 @@ def newton(
             if regular and size < converged:
                 done = True
                 break
-        if not done:
+        if not (done and _in_sight(p, seen)):
             p[0] = p[1] = p[2] = math.nan
     return 0
