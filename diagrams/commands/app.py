@@ -45,6 +45,7 @@ from quietfix.diagrams.console.arguments import (
 )
 from quietfix.diagrams.identification.options import identify
 from quietfix.diagrams.pages.options import report as page
+from quietfix.diagrams.scenes.options import play
 
 __all__ = ["app"]
 
@@ -333,5 +334,5 @@ app.command()(compare)
 app.command()(sweep)
 app.command()(verify)
 app.command()(identify)
-for command in (inspect, plot, page, diff, export):
+for command in (inspect, plot, page, play, diff, export):
     app.command()(command)
