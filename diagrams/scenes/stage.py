@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from quietfix.diagrams.scenes.ground import Mesh, Segments, blocked, earth, graticules, grid
 from quietfix.diagrams.scenes.scene import Estimated, Scene, Track
+from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.constants import EARTH_RATE
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
 
@@ -134,7 +135,14 @@ def staged(scene: Scene, magnify: float | None = None) -> Stage:
     magnify : float, optional
         How many times as large errors and ellipsoids are drawn. By default 1, 2 or 5 times a power of ten, so that the
         median error over trials and epochs is at most a fortieth of the scene, and not below 1.
+
+    Raises
+    ------
+    UserError
+        If there are more estimators than colours that can be told apart.
     """
+    if len(scene.estimates) > len(_COLOURS):
+        raise UserError(f"--estimator: {len(scene.estimates)} of them are not allowed; at most {len(_COLOURS)}")
     origin, axes = _middle(scene)
     tracks = [scene.target.places, *(track.places for track in scene.platforms)]
     far = max(1.0, *(float(np.nanmax(np.linalg.norm(places - origin, axis=-1))) for places in tracks))

@@ -8,8 +8,8 @@ import pytest
 CHROMIUM, DRIVER = shutil.which("chromium") or shutil.which("chromium-browser"), shutil.which("chromedriver")
 
 
-def open_browser():
-    """A driver of Chromium, or the test is skipped with the reason."""
+def open_browser(*more):
+    """A driver of Chromium with more arguments, or the test is skipped with the reason."""
     if CHROMIUM is None or DRIVER is None:
         pytest.skip("no chromium and chromedriver on the PATH (Debian: chromium, chromium-driver)")
     from selenium import webdriver
@@ -17,7 +17,7 @@ def open_browser():
 
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
-    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
+    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", *more):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     return webdriver.Chrome(options=options, service=Service(DRIVER))

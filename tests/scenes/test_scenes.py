@@ -1,5 +1,7 @@
 """Scenes in space: their numbers are those of the result, and the stage keeps shapes."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -11,6 +13,7 @@ from quietfix.diagrams.scenes.ground import blocked, earth
 from quietfix.diagrams.scenes.scene import scene_of
 from quietfix.diagrams.scenes.stage import SIZE, staged, step_below
 from quietfix.diagrams.scenes.timing import timing_of
+from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.studies.results import open_result
 from quietfix.diagrams.studies.whole import run_study
 from quietfix.systems.earth.geodetic import ecef_to_geodetic
@@ -75,6 +78,13 @@ def test_the_stage_keeps_lengths_and_angles(dataset):
     assert np.linalg.norm(error, axis=-1) * stage.unit == pytest.approx(3 * length, rel=1e-6)
     # the upward axis of the stage is that of the target: satellites are above it
     assert (put[:3, :, 2] > 0).all()
+
+
+def test_no_two_estimators_have_one_colour(dataset):
+    scene = scene_of(dataset, ["iekf", "ukf"])
+    assert len({colour for _, colour in staged(scene).legend}) == len(staged(scene).legend)
+    with pytest.raises(UserError, match="--estimator: 6 of them are not allowed; at most 5"):
+        staged(dataclasses.replace(scene, estimates=scene.estimates * 3))
 
 
 def test_lines_of_sight_end_at_the_target(dataset):
