@@ -102,7 +102,8 @@ def _tracks(dataset: xr.Dataset, names: list[str]) -> list[tuple[str, str, Array
             dataset["platforms"] if "trial" not in dataset["platforms"].dims else dataset["platforms"].isel(trial=0)
         )
         axis = next(name for name in states.dims if name in ("time", "epoch"))
-        places = states.transpose("platform", axis, "coordinate").values[..., :3]
+        placed = [name for name in POSITION if name in states["coordinate"].values]
+        places = states.sel(coordinate=placed).transpose("platform", axis, "coordinate").values
         tracks += [(str(n), "platform", p) for n, p in zip(dataset["platform"].values, places, strict=True)]
     truth = dataset["truth"].sel(state=names)
     if "trial" in truth.dims:
