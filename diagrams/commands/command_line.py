@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import sys
 import warnings
 from typing import Any, NoReturn
@@ -45,6 +47,8 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command; a user's mistake is one line on standard error and exit status 2."""
     from quietfix.diagrams.schema.errors import UserError
 
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        os._exit(2)  # a script without `if __name__ == "__main__":` that a worker imports; who started it says so
     formatwarning, warnings.formatwarning = warnings.formatwarning, _format_warning
     sys.path.append("")  # a user's own class may lie in the folder where the command is given
     try:

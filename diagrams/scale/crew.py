@@ -31,6 +31,7 @@ __all__ = ["Crew", "Lost", "check_workers", "parts_by"]
 
 _MOST = 1024
 _PATIENCE = 10.0  # s, for a scheduler to answer and for a first worker
+_STARTING = 300.0  # s, for a process of this machine to become a worker, however much else there is to do
 _GONE = 60.0  # s without any worker, after which none is expected to come back; one that is restarted takes some
 _TICK = 1.0  # s, between looks at who is there
 _TRANSFER = 60.0  # s, for a chunk to come over before it is looked who is there
@@ -270,6 +271,7 @@ class Crew:
             if self._scheduler is None:
                 local: dict[str, Any] = {"threads_per_worker": 1, "processes": True, "memory_limit": 0}
                 local |= {"dashboard_address": None, "silence_logs": logging.CRITICAL + 1, "preload": [_DEAF]}
+                local |= {"death_timeout": _STARTING, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
                 cluster = self._stack.enter_context(LocalCluster(n_workers=self._workers, **local))
                 self._client = self._stack.enter_context(Client(cluster))
             else:
@@ -281,6 +283,11 @@ class Crew:
             if error.filename is not None:
                 raise
             raise UserError(f"{self._option}: {self._where} cannot be reached ({error})") from error
+        except RuntimeError as error:  # of a cluster whose workers end before they are there
+            raise UserError(
+                f"{self._option}: no worker has started on {self._where}; is the memory enough? A script that gives "
+                'commands must do so below `if __name__ == "__main__":`, as workers import it'
+            ) from error
 
 
 def parts_by(

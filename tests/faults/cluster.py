@@ -68,6 +68,11 @@ class Cluster:
         """Numbers of the processes that run chunks, which are children of those that were started."""
         return [pid for process in self.processes[1:] for pid in spawned(process.pid)]
 
+    def end_workers(self):
+        """End the workers and what would start them again."""
+        for one in [one for process in self.processes[1:] for one in _family(process.pid)]:
+            one.kill()  # those that were started before their children
+
     def stop(self):
         """End all that were started, with their children."""
         family = [one for process in self.processes for one in _family(process.pid)]

@@ -1,7 +1,13 @@
 """Workers and what may go wrong beside them: full and read-only disks, two at once, names, chunks that end workers."""
 
 import os
+import re
+import shutil
+import signal
 import subprocess
+import sys
+from multiprocessing import spawn
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +17,7 @@ from quietfix.diagrams.scale import crew
 from quietfix.diagrams.scale.crew import Crew, Lost
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.studies.study import Study
+from tests.faults.cluster import Cluster, Command, spawned, until
 from tests.faults.test_workers import REQUIREMENTS
 from tests.faults.tree import picture, plant, quietfix, shorten
 
@@ -53,9 +60,10 @@ def small_disk(tmp_path):
 
 
 def one_line(err):
-    """See that one line tells of a mistake, and return it."""
-    assert err.startswith("quietfix: ") and err.count("\n") == 1, err
-    return err
+    """See that one line tells of a mistake, after those that tell how far it is, and return it."""
+    lines = [line for line in err.splitlines() if not re.match(r"quietfix: \w+: \d+ of \d+ trials", line)]
+    assert len(lines) == 1 and lines[0].startswith("quietfix: "), err
+    return lines[0]
 
 
 @pytest.mark.slow
@@ -97,7 +105,7 @@ def test_where_nothing_can_be_written_no_worker_is_asked(command, small_disk, tm
 
 
 @pytest.mark.slow
-def test_a_chunk_that_ends_workers_is_named(tmp_path, monkeypatch):
+def test_a_chunk_that_ends_workers_is_named(tmp_path, monkeypatch, capsys):
     pytest.importorskip("distributed")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -106,15 +114,92 @@ def test_a_chunk_that_ends_workers_is_named(tmp_path, monkeypatch):
     (measured,) = Study("three_satellite", estimators=["iekf"], set=short, trials=12, keep="measurements").chunks()
     value = float(measured["measurement"].values[7, 1, 0])
     own = f"estimators.deadly=!Custom {{class: deadly:Deadly, options: {{measured: {value!r}}}}}"
-    study = Study("three_satellite", estimators=["deadly"], set=[*short, own], trials=12, chunk=2)
+    deadly = ["--trials", "12", "--chunk", "2", "--estimator", "deadly", "--set", *short, "--set", own]
+    assert quietfix("run", "three_satellite", *deadly, "--workers", "2", "--out", "d") == 2
+    told = one_line(capsys.readouterr().err)
+    words = "quietfix: --workers: chunk 3 of three_satellite (trials 6 to 7) has ended 4 workers, one after the other"
+    assert told.startswith(words)
+    finished = {int(path.stem) for path in Path("d.partial", ".quietfix-chunks").glob("*.npz")}
+    assert finished and 3 not in finished
+    assert f"{2 * len(finished)} trials are kept in d.partial" in told
+
+
+@pytest.mark.slow
+def test_the_last_worker_of_this_machine_is_gone_for_good(monkeypatch):
+    """The first is killed, and what is started in its place ends at once, however often."""
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(crew, "_GONE", 3.0)
+    study = Study("three_satellite", estimators=["iekf"], set=["duration_s=3"], trials=12, chunk=2)
     job = Job(study, study.plan(command="run"), range(6))
+    python = spawn.get_executable()
     finished = []
-    with Crew(workers=2, progress=False) as workers, pytest.raises(Lost) as raised:
-        for _, part in workers.run([job]):
-            finished.append(part.number)
-    words = "--workers: chunk 3 of three_satellite (trials 6 to 7) has ended 4 workers, one after the other"
-    assert str(raised.value).startswith(words)
-    assert 3 not in finished and len(finished) == len(set(finished)) >= 1
+    try:
+        with Crew(workers=1, progress=False) as workers, pytest.raises(Lost, match="the last worker of this machine"):
+            for _, part in workers.run([job]):
+                finished.append(part.number)
+                spawn.set_executable(shutil.which("false"))
+                for pid in spawned(os.getpid()):
+                    os.kill(pid, signal.SIGKILL)
+    finally:
+        spawn.set_executable(python)
+    assert 1 <= len(finished) < 6
+    until(lambda: not spawned(os.getpid()), "workers that end with the run")
+
+
+@pytest.mark.slow
+def test_the_last_worker_of_a_cluster_is_gone_for_good(tmp_path, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(crew, "_GONE", 3.0)
+    study = Study("three_satellite", estimators=["iekf"], set=["duration_s=3"], trials=24, chunk=2)
+    job = Job(study, study.plan(command="run"), range(12))
+    cluster = Cluster(tmp_path)
+    finished = []
+    try:
+        address = cluster.start().address
+        with Crew(scheduler=address, progress=False) as workers, pytest.raises(Lost) as raised:
+            for _, part in workers.run([job]):
+                if not finished:
+                    cluster.end_workers()
+                finished.append(part.number)
+    finally:
+        cluster.stop()
+    assert str(raised.value) == f"--scheduler: the last worker of {address} is lost"
+    assert 1 <= len(finished) < 12
+
+
+@pytest.mark.slow
+def test_workers_that_end_while_they_start_are_one_line(tmp_path):
+    """A worker imports the script that asks for workers, which would ask for workers."""
+    pytest.importorskip("distributed")
+    arguments = [*COMMANDS["run"], "--out", "d"]
+    program = "from quietfix.diagrams.commands.command_line import main\n"
+    (tmp_path / "script.py").write_text(f"{program}main({arguments!r})\n")
+    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 2, done.stderr
+    told = one_line(done.stderr)
+    assert told.startswith("quietfix: --workers: no worker has started") and '`if __name__ == "__main__":`' in told
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["script.py"]
+
+
+@pytest.mark.slow
+def test_the_second_of_two_runs_into_one_folder_is_one_line(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("distributed")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("quietfix.diagrams.commands.running._illustrate", lambda *arguments: None)
+    study = [*COMMANDS["run"][:2], "--trials", "48", *SHORT[:-4], "--chunk", "2", "--workers", "2"]
+    first = Command(tmp_path / "first.log", *study, "--out", "d")
+    chunks = Path("d.partial", ".quietfix-chunks")
+    until(lambda: not first.running() or list(chunks.glob("*.npz")), "a chunk")
+    first.kill(signal.SIGSTOP)  # it is at work as long as the others are tried
+    with monkeypatch.context() as patch:
+        patch.setattr(Crew, "_begin", lambda *arguments: pytest.fail("a cluster was made"))
+        for option in (["--out", "d"], ["--out", "d", "--overwrite"], ["--resume", "d"]):
+            assert quietfix(*study, *option) == 2
+            assert "another run is writing in d.partial" in one_line(capsys.readouterr().err)
+    assert first.kill(signal.SIGCONT)
+    assert first.wait() == 0, first.said()
+    assert quietfix(*study[:-2], "--out", "whole") == 0
+    assert picture(tmp_path / "d" / "results.zarr") == picture(tmp_path / "whole" / "results.zarr")
 
 
 def test_an_address_at_which_nobody_answers_is_one_line(monkeypatch):

@@ -82,6 +82,34 @@ def test_the_course_of_one_trial(spoiled, capsys):
     assert "trial 5" in said and "iekf, trial 5: lost: further off" in said
 
 
+def test_what_the_estimator_itself_calls_lost(spoiled, tmp_path, capsys):
+    path, made = spoiled
+    before = told(capsys, "inspect", path)["estimators"]["ukf"]
+    assert before["lost"] is None and before["trials"][0]["flagged"] is None  # a result that does not say it
+    lost = np.zeros(made["nees"].shape)
+    lost[1, 3, 8:] = 1.0
+    lost[1, 4, 6:9] = 1.0
+    lost[0, 2] = np.nan  # never started
+    named = made.assign(lost=(made["nees"].dims, lost))
+    write(tmp_path / "named", named)
+    found = told(capsys, "inspect", tmp_path / "named", "--worst", "8")["estimators"]
+    for name, row in summarise(named).items():
+        assert (found[name]["lost"], found[name]["ever_lost"]) == (row["lost"], row["ever_lost"])
+    assert (found["ukf"]["lost"], found["ukf"]["ever_lost"]) == (1, 2)
+    rows = {row["trial"]: row for row in found["ukf"]["trials"]}
+    assert (rows[3]["flagged"], rows[3]["flagged_from_s"]) == (True, 40.0)
+    assert (rows[4]["flagged"], rows[4]["flagged_from_s"]) == (False, 30.0)
+    assert (rows[0]["flagged"], rows[0]["flagged_from_s"]) == (False, None)
+    course = told(capsys, "inspect", tmp_path / "named", "--trial", "4")["estimators"]["ukf"]["course"]
+    np.testing.assert_array_equal(course["lost"], lost[1, 4])
+    capsys.readouterr()
+    assert quietfix("inspect", tmp_path / "named", "--worst", "8", "--estimator", "ukf") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "diverged 0, 1 flagged" in said
+    assert "ukf, trial 3: flagged by the estimator from 40 s on" in said
+    assert "ukf, trial 4: flagged by the estimator from 30 s on, and no more at the end" in said
+
+
 def test_a_number_that_stands_in_json_stands_in_the_table(spoiled, capsys):
     path, _ = spoiled
     row = told(capsys, "inspect", path, "--worst", "1", "--estimator", "ukf")["estimators"]["ukf"]["trials"][0]

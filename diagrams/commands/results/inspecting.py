@@ -71,11 +71,14 @@ def _worst(result: Opened, names: list[str], count: int) -> dict[str, Any]:
     """Return the worst trials of each estimator, and how many are lost."""
     estimators = {}
     for name, ends in ends_of(result.dataset, names).items():
+        at_end, ever = ends.flagged
         estimators[name] = {
             "rmse_position_m": json_numbers(ends.rmse),
             "median_position_m": json_numbers(ends.median),
             "diverged": int(ends.lost.sum()),
             "not_started": int(ends.never.sum()),
+            "lost": at_end,
+            "ever_lost": ever,
             "trials": [told_of(result.dataset, name, place) for place in ends.worst(count)],
         }
     return {"estimators": estimators}
@@ -127,18 +130,20 @@ def _table(result: Opened, found: Mapping[str, Any]) -> Table:
         [Column("estimator"), Column(what) if what == "track" else what, *titles, Column("state")],
         keys=2,
         caption=f"Position error and NEES/n (1 is consistent) at the last epoch of the {what}, the largest error "
-        "and when that was, NIS over all epochs by the rows used (1 is consistent). "
-        + ". ".join(_counted(name, row) for name, row in found["estimators"].items()),
+        "and when that was, NIS over all epochs by the rows used (1 is consistent); flagged: the estimator itself "
+        "calls it lost at the end. " + ". ".join(_counted(name, row) for name, row in found["estimators"].items()),
     )
     for name, row in found["estimators"].items():
         for one in row["trials"]:
-            table.add(name, str(one.get("track", one["trial"])), *_cells(one), one["state"])
+            state = f"{one['state']}, flagged" if one["flagged"] else one["state"]
+            table.add(name, str(one.get("track", one["trial"])), *_cells(one), state)
     return table
 
 
 def _counted(name: str, row: Mapping[str, Any]) -> str:
     rmse, median = three_digits(row["rmse_position_m"]), three_digits(row["median_position_m"])
-    return f"{name}: RMSE {rmse} m, median {median} m, diverged {lost(row['diverged'], row['not_started'])}"
+    counts = lost(row["diverged"], row["not_started"], row["lost"])
+    return f"{name}: RMSE {rmse} m, median {median} m, diverged {counts}"
 
 
 def _cells(one: Mapping[str, Any]) -> list[str]:
@@ -173,6 +178,7 @@ def _course_table(result: Opened, found: Mapping[str, Any]) -> Table:
         "nees_per_state": "NEES/n",
         "nis": "NIS",
         "nis_dof": "rows",
+        "lost": "flagged",
     }
     shown = [key for key in named if key in first["course"]]
     name = first.get("track", first["trial"])
@@ -181,7 +187,7 @@ def _course_table(result: Opened, found: Mapping[str, Any]) -> Table:
         [Column("estimator"), "time [s]", *(named[key] for key in shown)],
         keys=2,
         caption=f"At most {_EPOCHS} epochs of each; all are in --json. Errors of position, height and velocity; "
-        "rows: how many were used.",
+        "rows: how many were used; flagged: 1 where the estimator itself calls it lost.",
     )
     for name, row in found["estimators"].items():
         course = row["course"]
@@ -196,7 +202,10 @@ def _reasons(found: Mapping[str, Any]) -> list[str]:
     lines = []
     for name, row in found["estimators"].items():
         for one in row.get("trials", [row] if "why" in row else []):
+            which = one.get("track") or f"trial {one['trial']}"
             if one["why"] is not None:
-                which = one.get("track") or f"trial {one['trial']}"
                 lines.append(f"{name}, {which}: {one['state']}: {one['why']}")
+            if one["flagged_from_s"] is not None:
+                end = "" if one["flagged"] else ", and no more at the end"
+                lines.append(f"{name}, {which}: flagged by the estimator from {one['flagged_from_s']:g} s on{end}")
     return lines

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from quietfix.diagrams.statistics.epochs import along, by_number
 from quietfix.diagrams.statistics.json_numbers import json_numbers
-from quietfix.diagrams.statistics.lost import beyond, idle
+from quietfix.diagrams.statistics.lost import beyond, flagged, idle
 from quietfix.diagrams.statistics.state_errors import errors, scored
 from quietfix.diagrams.statistics.tally import blocks
 from quietfix.diagrams.studies.starting import why_this
@@ -23,6 +23,7 @@ __all__ = ["Ends", "course_of", "ends_of", "of_a_sweep", "told_of"]
 Array = NDArray[np.float64]
 
 _READ = ("truth", "estimate", "nees", "nis", "nis_dof")
+_READ_TOO = ("lost",)  # where there is one
 _SURE = 0.999  # a covariance that is right makes a NEES beyond this share of chi-square once in a thousand epochs
 
 
@@ -41,6 +42,9 @@ class Ends:
         Sum of the NIS over all epochs over the number of rows used.
     lost, never : ndarray of bool
         Whether the trial is lost at the end, although it started; whether it never started.
+    flags : ndarray, (trial, 2), optional
+        Whether the estimator itself calls the trial lost, at the last epoch and ever; see
+        `quietfix.diagrams.statistics.lost.flagged`.
     """
 
     error: Array
@@ -48,6 +52,15 @@ class Ends:
     nis: Array
     lost: NDArray[np.bool_]
     never: NDArray[np.bool_]
+    flags: Array | None = None
+
+    @property
+    def flagged(self) -> tuple[int | None, int | None]:
+        """How many trials the estimator calls lost at the last epoch, and ever; None: not known."""
+        if self.flags is None:
+            return None, None
+        at_end, ever = self.flags.sum(axis=0)
+        return int(at_end), int(ever)
 
     @property
     def rmse(self) -> float:
@@ -74,15 +87,23 @@ class Ends:
 def ends_of(dataset: xr.Dataset, names: list[str]) -> dict[str, Ends]:
     """Return how all trials of a study's result end, by estimator; the result is read chunk by chunk."""
     found: dict[str, list[Ends]] = {name: [] for name in names}
-    for _, block in blocks(by_number(dataset)[[*_READ]].sel(estimator=names)):
-        whole = block.load()
+    read = [*_READ, *(name for name in _READ_TOO if name in dataset)]
+    for _, block in blocks(by_number(dataset)[read].sel(estimator=names)):
+        some = block.load()
         for name in names:
-            found[name].append(_ends(whole.sel(estimator=[name])))
-    parts = ("error", "nees", "nis", "lost", "never")
-    return {
-        name: Ends(*(np.concatenate([getattr(one, part) for one in each]) for part in parts))
-        for name, each in found.items()
-    }
+            found[name].append(_ends(some.sel(estimator=[name])))
+    whole: dict[str, Ends] = {}
+    for name, each in found.items():
+        flags = [one.flags for one in each if one.flags is not None]
+        whole[name] = Ends(
+            np.concatenate([one.error for one in each]),
+            np.concatenate([one.nees for one in each]),
+            np.concatenate([one.nis for one in each]),
+            np.concatenate([one.lost for one in each]),
+            np.concatenate([one.never for one in each]),
+            np.concatenate(flags) if flags else None,
+        )
+    return whole
 
 
 def _ends(one: xr.Dataset) -> Ends:
@@ -93,7 +114,8 @@ def _ends(one: xr.Dataset) -> Ends:
     place = (np.arange(error.shape[0]), last)
     states = float(scored(one).sum())
     nees = one["nees"].transpose("estimator", "trial", "time").values[0][place] / (states or np.nan)
-    return Ends(error[place], nees, _per_row(one, "time"), lost & ~never, never)
+    flags = flagged(one)
+    return Ends(error[place], nees, _per_row(one, "time"), lost & ~never, never, None if flags is None else flags[0])
 
 
 def _per_row(one: xr.Dataset, axis: str) -> Array:
@@ -124,7 +146,8 @@ def told_of(dataset: xr.Dataset, name: str, place: int) -> dict[str, Any]:
     dict
         ``trial``, ``track`` of a recording, ``position_error_m`` at the end, ``largest_error_m`` of those that are
         finite and ``largest_at_s``, ``nees_per_state`` at the end, ``nis_per_row`` over all epochs, ``state``:
-        ``kept``, ``lost`` or ``never started``, and ``why``.
+        ``kept``, ``lost`` or ``never started``, ``why``, ``flagged``: whether the estimator itself calls it lost at the
+        end (None: not known), and ``flagged_from_s``, since when it first did.
     """
     one = dataset.isel(trial=[place]).sel(estimator=[name]).load()
     ends = _ends(by_number(one))
@@ -145,14 +168,22 @@ def told_of(dataset: xr.Dataset, name: str, place: int) -> dict[str, Any]:
         "nis_per_row": json_numbers(ends.nis[0]),
         "state": state,
         "why": why,
+        "flagged": None if ends.flags is None else bool(ends.flags[0, 0]),
+        "flagged_from_s": json_numbers(times[calls[0]]) if (calls := _calls(course)).size else None,
     }
+
+
+def _calls(course: dict[str, Array]) -> NDArray[np.intp]:
+    """Return the epochs at which an estimator calls its trial lost."""
+    return np.flatnonzero(course["lost"] > 0) if "lost" in course else np.zeros(0, dtype=np.intp)
 
 
 def course_of(one: xr.Dataset) -> dict[str, Array]:
     """Return how one trial of one estimator goes, (epoch) each; the result has no more than these.
 
     ``time_s``, the errors that there are (see `quietfix.diagrams.statistics.state_errors.errors`) as ``QUANTITY_error``
-    with their unit, ``nees_per_state``, ``nis`` and ``nis_dof``: how many rows were used.
+    with their unit, ``nees_per_state``, ``nis`` and ``nis_dof``: how many rows were used, and ``lost``, where the
+    result has it: whether the estimator calls it lost.
     """
     axis = along(one)
     times = np.asarray(one["time"].values, dtype=float).reshape(-1)
@@ -161,8 +192,9 @@ def course_of(one: xr.Dataset) -> dict[str, Array]:
     states = float(scored(one).sum()) or np.nan
     found = {"time_s": times}
     found |= {f"{what}_error_{units[str(what)]}": values.values[0, 0] for what, values in errors(one).items()}
-    kept = {name: one[name].transpose("estimator", "trial", axis).values[0, 0] for name in ("nees", "nis", "nis_dof")}
-    found |= {"nees_per_state": kept["nees"] / states, "nis": kept["nis"], "nis_dof": kept["nis_dof"]}
+    names = [*("nees", "nis", "nis_dof"), *(name for name in _READ_TOO if name in one)]
+    kept = {name: one[name].transpose("estimator", "trial", axis).values[0, 0] for name in names}
+    found |= {"nees_per_state": kept.pop("nees") / states, **kept}
     return {name: np.asarray(values, dtype=float)[there] for name, values in found.items()}
 
 
