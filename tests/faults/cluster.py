@@ -6,6 +6,8 @@ import subprocess
 import sys
 import time
 import traceback
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
@@ -105,6 +107,12 @@ def spawned(pid):
     return found
 
 
+def _without_threads_of_before():
+    """Let a forked process start threads of its own where dask keeps one that is in the process before only."""
+    if "distributed.utils" in sys.modules:
+        sys.modules["distributed.utils"]._offload_executor = ThreadPoolExecutor(1)
+
+
 class Command:
     """A command in a forked process, which need not import all again; what it says goes to a file."""
 
@@ -122,6 +130,7 @@ class Command:
                 sys.stdout = sys.stderr = stream
                 signal.signal(signal.SIGINT, signal.default_int_handler)
                 signal.signal(signal.SIGTERM, signal.SIG_DFL)
+                _without_threads_of_before()
                 os.write(say, b"x")
                 command_line.main([str(argument) for argument in arguments])
             except SystemExit as ended:
@@ -145,8 +154,20 @@ class Command:
 
     def wait(self):
         """Wait for its end, and return its status: negative for a signal."""
-        until(lambda: not self.running(), f"{self.log.name}: {self.said()}")
+        try:
+            until(lambda: not self.running(), self.log.name)
+        except AssertionError as error:
+            raise AssertionError(f"{error}: {self.said()}") from None
+        finally:
+            self.end()
         return self.status
+
+    def end(self):
+        """End it with its workers, if it has not ended."""
+        if self.running():
+            with suppress(ProcessLookupError):
+                os.killpg(self.pid, signal.SIGKILL)
+            until(lambda: not self.running(), self.log.name)
 
     def said(self):
         """Return what it has said."""
