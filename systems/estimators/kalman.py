@@ -56,6 +56,7 @@ class KalmanEstimator(Estimator):
             tailed = [i for i, row in enumerate(model.names) if row in wiring.tails.rows]
             algorithm = StudentRows(algorithm, wiring.tails.freedom, tailed)
         self.algorithm = ConsideredStates(algorithm, motion.considered) if motion.considered else algorithm
+        self.considered = len(motion.considered)
         self._whole: bool | None = None
         super().__init__(name, model, motion, start, wiring)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
 from quietfix.systems.estimators.memory import Innovation, Memory, Remembered
-from quietfix.systems.filters.recovery.surprise import ALARM, surprise
+from quietfix.systems.filters.recovery.surprise import ALARM, lasting, surprise
 from quietfix.systems.linear_algebra import all_finite
 from quietfix.systems.signals import EnsembleBlock
 from quietfix.systems.starts.start import Start
@@ -32,9 +32,12 @@ class Watching(EnsembleBlock):
     ----------
     restarts_when_lost : bool
         Begin again, by the start, from the measurement of the epoch at which the flag is raised.
+    considered : int
+        How many biases stay in the innovations because they are only considered.
     """
 
     restarts_when_lost: bool = False
+    considered: int = 0
     start: Start
 
     def moments(self, memory: Memory) -> tuple[Array, Array]:
@@ -120,6 +123,7 @@ class Watching(EnsembleBlock):
         """Return the watch (2, trials) after an update; `told`: trials of which something was measured, None: all."""
         watch = watch.copy()
         nis, rows = self.evidence(memory, innovation)
+        nis = nis / lasting(self.considered)
         rows = rows if told is None else np.where(told, rows, 0.0)
         surprise(np.ascontiguousarray(nis, float), np.ascontiguousarray(rows, float), watch[0])
         return watch

@@ -9,6 +9,8 @@ from quietfix.systems.biases.start import BiasedStart
 from quietfix.systems.biases.walking import WithBiases
 from quietfix.systems.clocks import Periodic
 from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.motion.constant_velocity import ConstantVelocity
+from quietfix.systems.options.ekf import Ekf
 from quietfix.systems.starts.start import GivenStart, Start
 from tests.laws.cases import estimators
 from tests.laws.rig import PORTS, Linear, assert_same, make, run, with_gaps
@@ -166,3 +168,23 @@ def test_a_start_that_does_not_say_how_is_refused():
     start.uses = None
     with pytest.raises(ValueError, match="a start by Measured is not allowed"):
         BiasedStart(start, biases(()), ["row_0"], 6)
+
+
+@pytest.mark.parametrize(("mode", "told"), [("considered", 1.0), ("estimated", 1.0), ("considered", 8.0)])
+def test_a_bias_that_was_considered_is_no_sign_of_being_lost(mode, told):
+    """A bias as large as said stays in every innovation; of 300 trials 35 were flagged as if each epoch drew its own.
+
+    One that is 8 times as large is told of.
+    """
+    rng = np.random.default_rng(5)
+    trials, epochs = 300, 80
+    bias = Bias("bias_0", "m", 10.0, 0.0, {"row_0": 1.0}, considered=mode == "considered")
+    model, motion = Linear(np.eye(6)[:1], np.eye(1)), ConstantVelocity(1e-4)
+    start = BiasedStart(GivenStart(np.zeros((trials, 6)), 1e-4 * np.eye(6)), [bias], model.names, 6)
+    whole = BiasedModel(model, 6, [bias])
+    block = make("one", Ekf(), whole, WithBiases(motion, [bias]), start, trials, Periodic(1.0))
+    measurement = rng.normal(size=(epochs, trials, 1))
+    measurement[..., 0] += told * 10.0 * rng.normal(size=trials)
+    values = run(block, measurement, np.zeros((epochs, 1, 18)), Periodic(1.0), ports=(*PORTS, "lost"))[1]
+    lost = values["lost"].max(axis=0).sum()
+    assert lost > trials / 4 if told > 1 else lost == 0
