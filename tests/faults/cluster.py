@@ -36,30 +36,40 @@ class Cluster:
     def start(self):
         """Begin, and wait for both workers."""
         self.begun += 1
-        where = self.folder / f"cluster{self.begun}"
-        where.mkdir(parents=True)
-        file = where / "scheduler.json"
-        self._run("scheduler", where, "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file))
+        self.where.mkdir(parents=True)
+        file = self.where / "scheduler.json"
+        options = ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file)]
+        self.processes = [self._run("scheduler", *options)]
         until(lambda: file.exists() and file.read_text().strip().endswith("}"), "a scheduler")
         self.address = file.read_text().split('"address": "')[1].split('"')[0]
+        self.processes += [self._work(name) for name in "ab"]
         for name in "ab":
-            options = [
-                "--nthreads",
-                "1",
-                "--local-directory",
-                str(where),
-                "--preload",
-                "quietfix.diagrams.scale.workers",
-            ]
-            self._run("worker", where, self.address, "--name", name, *options, log=name)
-        for name in "ab":
-            until(lambda log=where / f"{name}.log": "Registered to" in log.read_text(), "a worker")
+            self._wait_for(name)
         return self
 
-    def _run(self, what, where, *arguments, log="scheduler"):
+    def mend(self):
+        """Start workers in place of those that have ended for good, which they do of Ctrl-C."""
+        for k, name in enumerate("ab", 1):
+            if self.processes[k].poll() is not None:
+                self.processes[k] = self._work(name)
+                self._wait_for(name)
+
+    @property
+    def where(self):
+        """The folder of the last one that was begun."""
+        return self.folder / f"cluster{self.begun}"
+
+    def _work(self, name):
+        options = ["--nthreads", "1", "--local-directory", str(self.where), "--name", name]
+        return self._run("worker", self.address, *options, "--preload", "quietfix.diagrams.scale.workers", log=name)
+
+    def _wait_for(self, name):
+        until(lambda: "Registered to" in (self.where / f"{name}.log").read_text(), "a worker")
+
+    def _run(self, what, *arguments, log="scheduler"):
         command = [sys.executable, "-m", f"distributed.cli.dask_{what}", "--no-dashboard", *arguments]
-        with (where / f"{log}.log").open("w") as stream:
-            self.processes.append(subprocess.Popen(command, stdout=stream, stderr=stream, cwd=where))
+        with (self.where / f"{log}.log").open("w") as stream:
+            return subprocess.Popen(command, stdout=stream, stderr=stream, cwd=self.where)
 
     @property
     def scheduler(self):
