@@ -21,6 +21,7 @@ __all__ = ["arrivals", "counted", "say_unmeasured", "why_not_started", "why_this
 Array = NDArray[np.float64]
 
 _ONE_PLACE = 1e-3  # m
+_AN_INSTANT = 1e-9  # s
 
 
 def why_not_started(dataset: xr.Dataset, counts: Mapping[str, int]) -> list[str]:
@@ -122,10 +123,28 @@ class _Reason:
         return "the start finds no solution at any epoch"
 
 
-def say_unmeasured(found: Found, wired: Assembly, present: NDArray[np.bool_]) -> None:
-    """Say of a user's system which rows are not in the measurements of the first chunk (trials, time, rows)."""
+def say_unmeasured(found: Found, wired: Assembly, present: NDArray[np.bool_], arrival: Array | None = None) -> None:
+    """Say which rows no estimator gets in the first chunk: of a user's system that are not measured, or come too late.
+
+    Parameters
+    ----------
+    found : Found
+    wired : Assembly
+    present : ndarray of bool, shape (trials or 1, time, rows)
+        Which rows were measured.
+    arrival : ndarray, shape (trials, time, rows), optional
+        When each comes [s], where some is late.
+    """
     stream = wired.stream or next((list(e.wiring.stream) for e in wired.estimators.values()), [])
     seen: Any = np.any(present, axis=(0, 1))
     never = [row for row, once in zip(stream, seen, strict=False) if not once]
     if never and found.source != "packaged":
         warnings.warn(f"{', '.join(never)}: never measured in this run (NaN at all epochs)", stacklevel=1)
+    if arrival is None:
+        return
+    end = wired.clock.ticks(wired.duration)[-1]
+    with np.errstate(invalid="ignore"):
+        comes = np.any(present & (arrival <= end + _AN_INSTANT), axis=(0, 1))
+    late = [row for row, once, come in zip(stream, seen, comes, strict=False) if once and not come]
+    if late:
+        warnings.warn(f"{', '.join(late)}: measured, but all of it comes after the end at {end:g} s", stacklevel=1)

@@ -295,7 +295,7 @@ class Study:
             if recorded is not None and recorded.clocks:
                 chunk = chunk.assign_coords(track=("trial", np.array(recorded.tracks)[begin : begin + size]))
             if number == 0:
-                say_unmeasured(self.found, wired, present)
+                say_unmeasured(self.found, wired, present, arrivals(path, size))
             chunk = chunk.assign_coords(counted(wired, path, present, size))
             # a generator keeps its variables while it waits and while the next chunk runs
             del signals, path, present

@@ -111,3 +111,12 @@ def test_the_bound_counts_what_has_come():
 def test_refused(sets, said):
     with pytest.raises(UserError, match=said):
         run_study(CROSSING, trials=2, set=["duration_s=5", *sets])
+
+
+def test_what_comes_after_the_end_is_told():
+    """A latency longer than the run: the estimates would be the prior drifting, without a word."""
+    settings = ["duration_s=6", "sensors.west.latency_s={mean: 100}", "sensors.east.latency_s={mean: 1}"]
+    with pytest.warns(
+        UserWarning, match="^azimuth_west, elevation_west: measured, but all of it comes after the end at 6 s$"
+    ):
+        run_study(CROSSING, trials=2, set=settings, estimators=["ekf"])
