@@ -131,11 +131,23 @@ def tried(tmp_path, monkeypatch):
     return made
 
 
-@pytest.fixture
-def cluster(tmp_path):
-    made = Cluster(tmp_path / "clusters").start()
+@pytest.fixture(scope="module")
+def clusters(tmp_path_factory):
+    pytest.importorskip("distributed")
+    made = Cluster(tmp_path_factory.mktemp("clusters"))
     yield made
     made.stop()
+
+
+@pytest.fixture
+def cluster(clusters):
+    """One for all tests, whose workers need to import all but once."""
+    if clusters.processes and clusters.processes[0].poll() is None:
+        clusters.mend()
+    else:
+        clusters.stop()
+        clusters.start()
+    return clusters
 
 
 def check_parent(command, number, was_there):
