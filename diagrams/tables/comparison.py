@@ -90,7 +90,7 @@ def _rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
                 three_digits(row["median_position_m"]),
                 efficiency,
                 nees if verdict in (None, "in band") else f"{nees} {verdict}",
-                lost(row["diverged"], row["not_started"], row["lost"]),
+                lost(row["diverged"], row["not_started"], row.get("lost")),
                 three_digits(row["cost_us"]),
             )
         )

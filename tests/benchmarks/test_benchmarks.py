@@ -42,6 +42,7 @@ def recorded() -> RecordedPass:
     return record_pass(TINY)
 
 
+@pytest.mark.slow
 def test_all_comparisons_run_and_are_written(tmp_path, capsys):
     file = tmp_path / "bench.md"
     assert main(["--tiny", "--markdown", str(file)]) == 0

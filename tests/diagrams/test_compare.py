@@ -128,7 +128,7 @@ def test_the_rest_of_the_registry_says_why_not():
     scenario = load_scenario("three_satellite", settings=SHORT["three_satellite"])
     chosen = line_up("three_satellite", scenario, ["all"])
     assert {"iekf_hypotheses", "mgekf"} <= set(chosen.names)
-    assert {"crossing", "ml", "range_bank", "ra", "ra_paper", "bank"} == set(chosen.left_out)
+    assert {"crossing", "imm", "ml", "range_bank", "ra", "ra_paper", "bank"} == set(chosen.left_out)
     assert set(chosen.names) | set(chosen.left_out) | {"custom"} == {*ESTIMATORS, *scenario.estimators}
     assert chosen.left_out["ml"].startswith("it locates by bearings")
     assert "mgekf" not in scenario.estimators  # the caller's own is left as it was

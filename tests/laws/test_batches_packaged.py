@@ -88,8 +88,11 @@ def of(name, lengths):
 
 
 def test_every_estimator_is_here():
-    """Options of the scenarios, too: bearing_crossing's iekf is a bank of ranges, its ml the only one."""
-    named = {name for names in OTHERS.values() for name in names} | {"iekf", "ukf", "ml", "custom"}
+    """Options of the scenarios, too: bearing_crossing's iekf is a bank of ranges, its ml the only one.
+
+    `imm` has no motions but those that a user gives it: its batches are in test_interacting.
+    """
+    named = {name for names in OTHERS.values() for name in names} | {"iekf", "imm", "ukf", "ml", "custom"}
     assert set(ESTIMATORS) <= named
 
 
