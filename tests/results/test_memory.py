@@ -47,7 +47,7 @@ def measured(folder, chunks):
             output.append(made.assign_attrs(trials=chunks * CHUNK, seed=0))
         output.finish()
     run = [sys.executable, "-c", SCRIPT, str(folder)]
-    found = json.loads(subprocess.run(run, check=True, capture_output=True, text=True).stdout)
+    found = json.loads(subprocess.run(run, check=True, stdout=subprocess.PIPE, text=True).stdout)
     assert found["figures"] == 9, found["said"]
     # some 1e4 squares in another order
     np.testing.assert_allclose(found["rmse"], np.sqrt(squares / (chunks * CHUNK)), rtol=1e-9)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -117,9 +116,7 @@ def _named(a: str, b: str) -> str:
 def _one(a: Ends, b: Ends, places: tuple[Any, Any] | None) -> dict[str, Any]:
     if places is None:
         return compared(a, b, False, _CONFIDENCE)
-    mine, its = (
-        Ends(*(getattr(one, part.name)[k] for part in fields(Ends))) for one, k in zip((a, b), places, strict=True)
-    )
+    mine, its = (one.of(k) for one, k in zip((a, b), places, strict=True))
     return compared(mine, its, True, _CONFIDENCE)
 
 

@@ -54,6 +54,12 @@ class Ends:
     never: NDArray[np.bool_]
     flags: Array | None = None
 
+    def of(self, places: Any) -> Ends:
+        """Return the same of some of the trials."""
+        flags = None if self.flags is None else self.flags[places]
+        parts = (self.error, self.nees, self.nis, self.lost, self.never)
+        return Ends(*(part[places] for part in parts), flags)
+
     @property
     def flagged(self) -> tuple[int | None, int | None]:
         """How many trials the estimator calls lost at the last epoch, and ever; None: not known."""
