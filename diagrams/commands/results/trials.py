@@ -57,8 +57,8 @@ class Ends:
     def of(self, places: Any) -> Ends:
         """Return the same of some of the trials."""
         flags = None if self.flags is None else self.flags[places]
-        parts = (self.error, self.nees, self.nis, self.lost, self.never)
-        return Ends(*(part[places] for part in parts), flags)
+        numbers = self.error[places], self.nees[places], self.nis[places]
+        return Ends(*numbers, self.lost[places], self.never[places], flags)
 
     @property
     def flagged(self) -> tuple[int | None, int | None]:
