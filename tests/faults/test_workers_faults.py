@@ -186,17 +186,16 @@ def test_the_second_of_two_runs_into_one_folder_is_one_line(tmp_path, monkeypatc
     pytest.importorskip("distributed")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("quietfix.diagrams.commands.running._illustrate", lambda *arguments: None)
-    study = [*COMMANDS["run"][:2], "--trials", "48", *SHORT[:-4], "--chunk", "2", "--workers", "2"]
+    # long enough to be at work as long as the others are tried
+    study = [*COMMANDS["run"][:2], "--trials", "400", *SHORT[:-4], "--chunk", "2", "--workers", "2"]
     first = Command(tmp_path / "first.log", *study, "--out", "d")
     chunks = Path("d.partial", ".quietfix-chunks")
     try:
         until(lambda: not first.running() or list(chunks.glob("*.npz")), "a chunk")
-        first.kill(signal.SIGSTOP)  # it is at work as long as the others are tried
         monkeypatch.setattr(Crew, "_begin", lambda *arguments: pytest.fail("a cluster was made"))
         for option in (["--out", "d"], ["--out", "d", "--overwrite"], ["--resume", "d"]):
             assert quietfix(*study, *option) == 2
             assert "another run is writing in d.partial" in one_line(capsys.readouterr().err)
-        assert first.kill(signal.SIGCONT)
         assert first.wait() == 0, first.said()
     finally:
         first.end()
