@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from quietfix.diagrams.figures.labels import name_places
 from quietfix.diagrams.figures.style import grid, legend_outside, looks, new_figure, title
@@ -16,7 +16,7 @@ from quietfix.diagrams.figures.ticks import plain_ticks
 from quietfix.diagrams.quantities.frame import Ground, frame_of
 from quietfix.diagrams.quantities.states import POSITION
 
-__all__ = ["draw_ground", "has_ground"]
+__all__ = ["draw_ground", "has_ground", "reach"]
 
 Array = NDArray[np.float64]
 Project = Callable[[Array], Array]
@@ -152,11 +152,33 @@ def _draw_last_errors(axes: Any, dataset: xr.Dataset, ground: Ground) -> None:
     grid(axes)
 
 
+def reach(dots: ArrayLike) -> tuple[float | None, int]:
+    """Return where an axis may end so that a few dots far off do not press the others into one point.
+
+    Parameters
+    ----------
+    dots : array_like, shape (n, 2)
+        Around the origin.
+
+    Returns
+    -------
+    edge : float or None
+        Half the width of the axes; None where all dots belong together.
+    beyond : int
+        How many dots lie outside.
+    """
+    far = np.abs(np.asarray(dots, dtype=float)).max(axis=-1, initial=0.0)
+    far = far[np.isfinite(far)]
+    edge = _EDGE * float(np.percentile(far, _MOST_OF_THEM)) if far.size else 0.0
+    if not 0 < _EDGE * edge < far.max(initial=0.0):
+        return None, 0
+    return edge, int(np.count_nonzero(far > edge))
+
+
 def _leave_out_the_lost(axes: Any, dots: Array) -> str:
     """Limit the axes where a few dots (n, 2) are so far off that nothing else could be seen; say how many."""
-    far = np.abs(dots).max(axis=-1, initial=0.0)
-    edge = _EDGE * np.percentile(far, _MOST_OF_THEM) if far.size else 0.0
-    if not 0 < _EDGE * edge < far.max(initial=0.0):
+    edge, beyond = reach(dots)
+    if edge is None:
         return ""
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge))
-    return f"\n({np.count_nonzero(far > edge)} beyond the edge)"
+    return f"\n({beyond} beyond the edge)"

@@ -9,7 +9,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from quietfix.diagrams.pages.numbers import reach, rounded, thinned
+from quietfix.diagrams.figures.ground import reach
+from quietfix.diagrams.pages.numbers import rounded, thinned
 from quietfix.diagrams.quantities.frame import Frame, frame_of
 from quietfix.diagrams.quantities.states import POSITION
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from quietfix.diagrams.commands.command_line import main
+from quietfix.diagrams.figures.ground import reach
 from quietfix.diagrams.pages.courses import courses, final_errors
-from quietfix.diagrams.pages.numbers import reach, rounded, thinned
+from quietfix.diagrams.pages.numbers import rounded, thinned
 from quietfix.diagrams.pages.picture import inline_svg
 from quietfix.diagrams.pages.places import error_axes, views
 from quietfix.diagrams.pages.report import report_page
