@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from quietfix.diagrams.schema.errors import UserError
-from quietfix.diagrams.writers.whole_file import written_beside
+from quietfix.diagrams.writers.whole_file import replaces, written_beside
 
 __all__ = ["paged", "report_command"]
 
@@ -31,7 +31,7 @@ def report_command(result: Path, out: Path | None) -> None:
     path = out or Path(f"{result.resolve().name}.html")
     if path.suffix.lower() not in _ENDINGS:
         raise UserError(f"--out: {path} is not allowed; a file name that ends in .html")
-    existed = _may_be_written(path, "--out")
+    existed = replaces(path, _SIGNATURE, "--out")
     page = report_page(result)
     with written_beside(path) as beside:
         beside.write_text(page, encoding="utf-8")
@@ -59,7 +59,7 @@ def paged(wanted: bool, out: Path | None) -> Iterator[None]:
         return
     if out is None:
         raise UserError("--report: it needs --out DIR, whose page is DIR.html")
-    _may_be_written(_beside(out), "--report")
+    replaces(_beside(out), _SIGNATURE, "--report")
     yield
     for folder in [out] if any((out / name).exists() for name in _TELLING) else sorted(out.iterdir()):
         if folder.is_dir() and any((folder / name).exists() for name in _TELLING):
@@ -68,14 +68,3 @@ def paged(wanted: bool, out: Path | None) -> Iterator[None]:
 
 def _beside(folder: Path) -> Path:
     return folder.with_name(f"{folder.name}.html")
-
-
-def _may_be_written(path: Path, option: str) -> bool:
-    """Return whether a page is there that is to be replaced; refuse to replace anything else."""
-    if not path.exists():
-        return False
-    if path.is_file():
-        with path.open("rb") as file:
-            if _SIGNATURE in file.read(2000):
-                return True
-    raise UserError(f"{option}: {path} exists and is no page of this program; choose another name")

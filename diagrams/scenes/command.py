@@ -12,7 +12,7 @@ import xarray as xr
 
 from quietfix.diagrams.console.terminal import say
 from quietfix.diagrams.schema.errors import UserError
-from quietfix.diagrams.writers.whole_file import written_beside
+from quietfix.diagrams.writers.whole_file import replaces, written_beside
 
 __all__ = ["play_command"]
 
@@ -98,8 +98,4 @@ def _may_be_written(path: Path) -> bool:
         if not path.parent.is_dir():
             raise UserError(f"--html: {path} cannot be written (there is no folder {path.parent})")
         return False
-    if path.is_file():
-        with path.open("rb") as file:
-            if SIGNATURE.encode() in file.read(2000):
-                return True
-    raise UserError(f"--html: {path} exists and is no page of this command; choose another name")
+    return replaces(path, SIGNATURE.encode(), "--html", "command")

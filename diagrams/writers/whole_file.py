@@ -13,7 +13,7 @@ from types import FrameType
 
 from quietfix.diagrams.schema.errors import UserError
 
-__all__ = ["undisturbed", "written_beside"]
+__all__ = ["replaces", "undisturbed", "written_beside"]
 
 
 @contextmanager
@@ -67,3 +67,20 @@ def written_beside(path: Path) -> Iterator[Path]:
             raise
     except OSError as error:
         raise UserError(f"--out: {path} cannot be written ({error.strerror or error})") from error
+
+
+def replaces(path: Path, signature: bytes, option: str, maker: str = "program") -> bool:
+    """Return whether a page is there that is to be replaced, known by a signature in its first 2000 bytes.
+
+    Raises
+    ------
+    UserError
+        If anything else is there.
+    """
+    if not path.exists():
+        return False
+    if path.is_file():
+        with path.open("rb") as file:
+            if signature in file.read(2000):
+                return True
+    raise UserError(f"{option}: {path} exists and is no page of this {maker}; choose another name")
