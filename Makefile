@@ -3,7 +3,7 @@
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-slow bench format clean
+.PHONY: help demo test test-slow docs bench format clean
 
 PYTHON ?= python3
 JOBS ?= 2
@@ -56,6 +56,11 @@ test-slow: ## studies at full size, notebooks, packaging
 	@$(ENVIRONMENT) .venv --extras $(TEST_EXTRAS)
 	.venv/bin/python -m pytest -m slow -n $(JOBS) --durations 10
 
+docs: ## the site, into docs/_build/html; its examples are run, a warning is an error
+	@$(ENVIRONMENT) .venv --extras $(TEST_EXTRAS),docs
+	.venv/bin/python -m sphinx -b html -W --keep-going -n -q docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
 bench: ## the speed table (BENCH_ARGS are passed on)
 	@$(ENVIRONMENT) .venv --extras $(TEST_EXTRAS)
 	.venv/bin/python -m tests.benchmarks $(BENCH_ARGS)
@@ -66,5 +71,5 @@ format: ## sort imports, fix what ruff can fix, format
 	.venv/bin/ruff format .
 
 clean: ## remove environments, caches, builds and the demo's results
-	rm -rf .venv .venv-new build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache demo demo.partial
+	rm -rf .venv .venv-new build dist docs/_build *.egg-info .mypy_cache .pytest_cache .ruff_cache demo demo.partial
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
