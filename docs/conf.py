@@ -16,6 +16,7 @@ copyright = author
 version = release = _about["version"]
 
 extensions = [
+    "examples",  # of this project: _ext
     "myst_nb",
     "numpydoc",
     "sphinx.ext.autodoc",
@@ -26,12 +27,10 @@ extensions = [
     "sphinx_design",
 ]
 exclude_patterns = ["_build", "_ext", "**/.ipynb_checkpoints"]
+_OTHERS = "numpy np npt xarray xr pydrake pandas scipy matplotlib zarr dask pathlib collections typing types"
 nitpick_ignore_regex = [
     # Other projects' names have no page here, and theirs cannot be asked without a network.
-    (
-        r"py:.*",
-        r"(numpy|np|npt|xarray|xr|pydrake|pandas|scipy|matplotlib|zarr|dask|pathlib|collections|typing|types)(\..*)?",
-    ),
+    (r"py:.*", rf"({'|'.join(_OTHERS.split())})(\..*)?"),
 ]
 
 myst_enable_extensions = ["attrs_block", "attrs_inline", "colon_fence", "deflist", "dollarmath", "fieldlist"]
