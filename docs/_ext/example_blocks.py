@@ -1,15 +1,16 @@
 """The examples of a page: what stands in its fenced blocks, and whether a command said what the page shows.
 
-A block is a file where its first line is a comment with a name (``# drone.yaml``), or where the comment before it says so;
-a ``console`` block has commands behind ``$ `` and, below one, what it prints. In what is shown ``...`` stands for anything;
-numbers may differ by half of their last digit and by a tolerance. An HTML comment before a block, which no reader sees,
-says what else is to be known::
+A block is a file where its first line is a comment with a name (``# drone.yaml``), or where the comment before it says
+so; a ``console`` block has commands behind ``$ `` and, below one, what it prints. In what is shown ``...`` stands for
+anything; numbers may differ by half of their last digit and by a tolerance. An HTML comment before a block, which no
+reader sees, says what else is to be known::
 
     <!-- example: file log.csv -->        the block is this file
     <!-- example: skip needs a cluster --> it is not run, and why
     <!-- example: status 2 -->            the commands end with this status
     <!-- example: within 5 % -->          numbers may differ by so much
     <!-- example: newcomer -->            run by tests/newcomer only: it makes the environment
+    <!-- example: newcomer; instead quietfix run ... -->   what stands for it elsewhere
 """
 
 from __future__ import annotations
@@ -60,6 +61,7 @@ class Block:
     status: int = 0
     within: float = TOLERANCE
     newcomer: bool = False
+    instead: str | None = None
     commands: list[Command] = field(default_factory=list)
 
 
@@ -77,8 +79,12 @@ def _tell(block: Block, what: str) -> None:
             block.within = float(value.removesuffix("%")) / 100
         elif key == "newcomer":
             block.newcomer = True
+        elif key == "instead":
+            block.instead = value
         else:
-            raise UnclearError(block.line, f"example: {part!r} is none of file, skip, status, within, newcomer")
+            raise UnclearError(
+                block.line, f"example: {part!r} is none of file, skip, status, within, newcomer, instead"
+            )
 
 
 def _commands(block: Block) -> Iterator[Command]:
