@@ -16,7 +16,8 @@ copyright = author
 version = release = _about["version"]
 
 extensions = [
-    "examples",  # of this project: _ext
+    "block_catalogue",  # of this project, in _ext
+    "examples",
     "myst_nb",
     "numpydoc",
     "sphinx.ext.autodoc",
@@ -26,7 +27,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
 ]
-exclude_patterns = ["_build", "_ext", "**/.ipynb_checkpoints"]
+exclude_patterns = ["_build", "_ext", "catalogue/examples", "**/.ipynb_checkpoints"]
 _OTHERS = "numpy np npt xarray xr pydrake pandas scipy matplotlib zarr dask pathlib collections typing types"
 nitpick_ignore_regex = [
     # Other projects' names have no page here, and theirs cannot be asked without a network.
@@ -50,7 +51,7 @@ copybutton_exclude = ".linenos, .gp, .go"
 html_theme = "pydata_sphinx_theme"
 html_title = "Quietfix"
 html_static_path = ["_static"]
-html_css_files = ["quietfix.css"]
+html_css_files = ["quietfix.css", "catalogue.css"]
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {

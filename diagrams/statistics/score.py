@@ -60,7 +60,12 @@ def _indefinite(error: Array, covariance: Array) -> Array:
 
 
 class Score(EnsembleBlock):
-    """Inputs ``truth``, ``estimate``, ``covariance``; output ``nees`` (trials, 1).
+    r"""Inputs ``truth``, ``estimate``, ``covariance``; output ``nees`` (trials, 1).
+
+    .. math:: \epsilon = (\hat x - x)^T P^{-1} (\hat x - x)
+
+    Chi-square with as many degrees of freedom as components are scored, where the estimator is right (Bar-Shalom, Li
+    and Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, section 5.4).
 
     Parameters
     ----------

@@ -15,9 +15,11 @@ Array = NDArray[np.float64]
 
 
 class DirectAzimuth(CompiledModel):
-    """The first state component is measured, as an angle: H = [1, 0], R = sigma^2, residuals wrapped.
+    r"""The first state component is measured, as an angle: H = [1, 0], R = sigma^2, residuals wrapped.
 
     Equation (12) of Huang, doi 10.3969/j.issn.1009-086x.2017.01.020. No platform is read.
+
+    .. math:: z = \mathrm{wrap}(\theta + w), \qquad w \sim N(0, \sigma^2)
 
     Parameters
     ----------

@@ -95,11 +95,16 @@ def _end(medium: Medium, end: End, upward: Array) -> Excess:
 
 
 class Delayed(MeasurementModel):
-    """A model of ranges, delays or Doppler shifts, with what media add to its rows.
+    r"""A model of ranges, delays or Doppler shifts, with what media add to its rows.
 
     Each row gets a multiple of the excess path to its receiver, less that to the reference if there is one; a row of
     Doppler shifts of the rate of the phase's. Geometry of one instant: over the light time a delay changes by less than
     1e-5 of itself.
+
+    .. math:: h_i(x) = h_i^{\mathrm{vacuum}}(x) + k\,(L_i - L_0) \quad\text{or, of Doppler shifts,}\quad
+              h_i^{\mathrm{vacuum}}(x) + k\,(\dot L_i - \dot L_0)
+
+    with L the excess path that `excess` adds up, k the scale, 0 the reference.
 
     Parameters
     ----------

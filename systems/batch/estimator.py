@@ -39,6 +39,9 @@ class BatchEstimator(Estimator):
 
     The innovation is against the prediction from the epoch before, as that of an extended Kalman filter.
 
+    .. math:: \min_{x_0, u}\ |L_0^{-1}(x_0 - m_0)|^2 + \sum_k |u_k|^2 + \sum_k |W_k (z_k - h(x_k))|^2, \qquad
+              x_k = f(x_{k-1}) + L_k u_k
+
     Parameters
     ----------
     name : str

@@ -29,7 +29,9 @@ _SLACK = 1e-9  # of a piece: the sample at its end belongs to the next one
 
 
 class AzimuthStart(Start):
-    """Azimuth = the first bearing, rate zero, P = diag(sigma^2, sigma_rate^2).
+    r"""Azimuth = the first bearing, rate zero, P = diag(sigma^2, sigma_rate^2).
+
+    .. math:: x_0 = (z_0,\ 0), \qquad P_0 = \mathrm{diag}(\sigma^2,\ \sigma_{\dot\theta}^2)
 
     Parameters
     ----------
@@ -58,7 +60,7 @@ class AzimuthStart(Start):
 
 
 class AzimuthFilter(KalmanEstimator):
-    """Linear Kalman filter [azimuth, rate]; with a piece length it is restarted again and again.
+    r"""Linear Kalman filter [azimuth, rate]; with a piece length it is restarted again and again.
 
     Equations (6) to (12) and figure 2 of Huang, doi 10.3969/j.issn.1009-086x.2017.01.020. At the first bearing of every
     piece "way 1" starts anew: azimuth = bearing, rate = 0, P = diag(sigma^2, p11). "Way 2" keeps the rate. Both set
@@ -67,6 +69,9 @@ class AzimuthFilter(KalmanEstimator):
     The ports are those of every estimator, with the azimuth and its rate as the state (the azimuth runs on past pi).
     Besides, ``bearing`` (trials, 2) and ``bearing_covariance`` (trials, 4) are the same, but NaN where nothing was
     measured: what a locator takes for a measurement.
+
+    .. math:: x = (\theta, \dot\theta), \qquad z = \theta + w, \qquad P(\text{start of a piece}) =
+              \mathrm{diag}(\sigma^2, \sigma_{\dot\theta}^2)
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ class _Living(NamedTuple):
 
 
 class HypothesisBank(Estimator):
-    """Any `GaussianFilter`, once per hypothesis about the integers of wrapped phases.
+    r"""Any `GaussianFilter`, once per hypothesis about the integers of wrapped phases.
 
     Each hypothesis resolves the phases next to its own prediction, so the block may stand before or behind a
     `PhaseResolver`: only the phases wrapped into [-pi, pi) matter. Its weight is multiplied by the likelihood of
@@ -75,6 +75,9 @@ class HypothesisBank(Estimator):
 
     Further outputs: ``weights`` (trials, K), falling, and ``integers`` (trials, phases), the whole cycles that the
     likeliest hypothesis added to the wrapped phases of its last epoch that had them.
+
+    .. math:: w_i \leftarrow \frac{w_i\,p_i(z)}{\sum_j w_j\,p_j(z)}, \qquad \hat x = \sum_i w_i x_i, \qquad
+              P = \sum_i w_i\,[P_i + (x_i - \hat x)(x_i - \hat x)^T]
 
     Parameters
     ----------

@@ -31,7 +31,13 @@ _STEP = ("predict", "update", "moments", "memory_sizes")
 
 
 class KalmanEstimator(Estimator):
-    """Any `GaussianFilter` (extended, iterated, unscented, a user's own) behind the common ports.
+    r"""Any `GaussianFilter` (extended, iterated, unscented, a user's own) behind the common ports.
+
+    .. math:: x^- = f(x), \quad P^- = \Phi P \Phi^T + Q, \qquad \nu = z - h(x^-), \quad S = H P^- H^T + R, \quad
+              \mathrm{NIS} = \nu^T S^{-1} \nu
+
+    and the filter's own update; rows that are NaN are left out of it (Bar-Shalom, Li and Kirubarajan, *Estimation with
+    Applications to Tracking and Navigation*, 2001, ch. 5 and 10).
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ def _noise_root(covariance: bytes, shape: tuple[int, ...]) -> Array:
 
 
 class ParticleEstimator(Estimator):
-    """A cloud of particles per trial behind the common ports.
+    r"""A cloud of particles per trial behind the common ports.
 
     ``estimate`` and ``covariance`` are the moments of the weighted cloud, before it is resampled; ``prediction`` and
     ``prediction_covariance`` those of the predicted one. ``innovation`` is the mean of the predicted cloud's residuals,
@@ -58,6 +58,8 @@ class ParticleEstimator(Estimator):
     present window all of today's come from; ``evidence`` and its recent average, ``recent_evidence``, see
     `quietfix.systems.filters.particle.health.evidence`; ``diverged``, 1 where the recent evidence is too small or the
     ancestors are no more than the state has components; ``stages`` of tempering in this epoch; ``restarts`` so far.
+
+    .. math:: w_i \propto w_i\,p(z \mid x_i), \qquad \hat x = \sum_i w_i x_i, \qquad N_{\mathrm{eff}} = 1/\sum_i w_i^2
 
     Parameters
     ----------

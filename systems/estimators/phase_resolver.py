@@ -37,7 +37,7 @@ def resolve(wrapped: Array, predicted: Array) -> tuple[Array, Array]:
 
 
 class PhaseResolver(EnsembleBlock):
-    """Turn wrapped phases into unambiguous ones.
+    r"""Turn wrapped phases into unambiguous ones.
 
     Without a chain, as in section 2.2 of Xu, Su and Wang, doi 10.20079/j.issn.1001-893x.220609005: the filter's
     predicted height (fed back from ``prediction``) and the TDOAs of now give a position, its phase the integers.
@@ -47,6 +47,10 @@ class PhaseResolver(EnsembleBlock):
 
     Inputs ``measurement``, ``platforms`` and, without a chain, ``prediction``; outputs ``measurement`` (the long
     baseline's phases unambiguous, the chain's rows dropped) and ``integers``.
+
+    .. math:: \phi = \phi_w + 2\pi N, \qquad N = \mathrm{round}\frac{\phi_{\mathrm{known}} - \phi_w}{2\pi}
+
+    with :math:`\phi_{\mathrm{known}}` that of the fix, or of the next shorter baseline times the ratio of the lengths.
 
     Parameters
     ----------

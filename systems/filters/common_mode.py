@@ -71,13 +71,18 @@ def common_mode_statistics(
 
 @dataclass(frozen=True)
 class CommonModeMonitor(WrappingFilter):
-    """Any Gaussian filter, with two tests before its update.
+    r"""Any Gaussian filter, with two tests before its update.
 
     *Gate*: where the common-mode-free statistic n exceeds `gate`, some rows have switched and others not yet; the
     trial does without this sample. *Switch*: where g exceeds `switch`, all rows have jumped together; the state's
     mean is moved by the jump and its covariance opened up, uncorrelated with the other states, before the update.
 
     A plain test of the NIS cannot do either: at staging it is as large as at a switch, while g stays small there.
+
+    With g and n as in `common_mode_statistics`, and the jump estimated from the rows alone:
+
+    .. math:: g = \frac{(c^T S^{-1}\nu)^2}{c^T S^{-1} c}, \qquad n = \nu^T S^{-1}\nu - g, \qquad
+              \Delta = \frac{c^T R^{-1}\nu}{c^T R^{-1} c}, \qquad c = H e_s
 
     Parameters
     ----------

@@ -34,6 +34,10 @@ def ranging_equation(sensor: MeasurementModel) -> RangingEquation:
 class RangedPosition(MeasurementModel):
     r"""Inertial position, eq. (44) and (45) of Wu, Xin and Wan.
 
+    .. math:: h(x) = p, \qquad R = G\,\mathrm{diag}(\sigma_1^2, ..., \sigma_6^2)\,G^T
+
+    with G the derivative of the ranged position by the six rows.
+
     Parameters
     ----------
     sensor : RelativeKinematics

@@ -19,11 +19,15 @@ Array = NDArray[np.float64]
 
 
 class FixedLag(EnsembleBlock):
-    """Put it behind a Kalman-type estimator: its state `lag_s` ago, with all that has been measured since.
+    r"""Put it behind a Kalman-type estimator: its state `lag_s` ago, with all that has been measured since.
 
     Inputs ``estimate`` and ``covariance``, of the estimator. Outputs ``estimate`` and ``covariance`` of the oldest tick
     that is no longer ago than `lag_s`, and ``time`` (trials, 1), that tick [s]; NaN before the run is so old. The
     numbers are those that `Smoother` with this lag has of that tick when the run is over.
+
+    .. math:: x^s = x + G\,(x^s_+ - x^-_+), \qquad P^s = P + G\,(P^s_+ - P^-_+)\,G^T, \qquad G = P A^T (P^-_+)^{-1}
+
+    Rauch, Tung and Striebel, *Maximum likelihood estimates of linear dynamic systems*, AIAA J. 3 (1965) 1445-1450.
 
     Parameters
     ----------

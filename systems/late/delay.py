@@ -46,7 +46,7 @@ class Latency(NamedTuple):
 
 
 class Delay(EnsembleBlock):
-    """Hold measurements back until they arrive; NaN before the first of them does.
+    r"""Hold measurements back until they arrive; NaN before the first of them does.
 
     Input ``measurement`` (trials, m): what is measured at the ticks. Outputs, all NaN off the ticks:
 
@@ -56,6 +56,8 @@ class Delay(EnsembleBlock):
     - ``arrival`` (trials, m): when what is measured at this tick will arrive [s]; infinite: not before the end.
 
     Whatever arrives between two ticks is there at the second.
+
+    What is measured at :math:`t_k` is there at the first tick at or after :math:`t_k + \delta_k`.
 
     Parameters
     ----------

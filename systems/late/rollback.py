@@ -74,13 +74,18 @@ def goes_back(block: Estimator) -> bool:
 
 
 class Rollback(Estimator):
-    """Any estimator, with measurements that carry their own time.
+    r"""Any estimator, with measurements that carry their own time.
 
     It keeps what it knew and what was measured at the last ticks. When a measurement arrives, it stands at the tick
     that it was made at, and all from there on is done again: the same as if it had been there in time (Bar-Shalom,
     *Update with out-of-sequence measurements in tracking: exact solution*, IEEE Trans. Aerospace and Electronic Systems
     38 (2002) 769-778, which finds the same for linear systems without a buffer). One that was made before the buffer is
     left out, and counted on the port ``dropped``.
+
+    .. math:: x_k = u(p(x_{k-1}, t_k - t_{k-1}), z_k), \qquad k = j, ..., n
+
+    for the tick j at which the oldest row that has arrived was made, up to the latest one, n; p and u are the
+    estimator's prediction and update.
 
     The ports are those of every estimator, and of now: what is known at this instant with all that has arrived. The
     innovation is that of the latest instant of which a measurement has arrived.

@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 class Altitude(CompiledModel):
     r"""Geodetic height of the target; the gradient is the ellipsoid's outward normal.
 
+    .. math:: h(x) = h_{\mathrm{WGS\,84}}(p), \qquad \partial h/\partial p = n^T,\quad
+              n = (\cos\varphi\cos\lambda,\ \cos\varphi\sin\lambda,\ \sin\varphi)
+
     Parameters
     ----------
     sigma : float

@@ -23,7 +23,11 @@ def only(model: MeasurementModel, names: Sequence[str]) -> MeasurementModel:
 
 
 class ChosenRows(MeasurementModel):
-    """Some rows of a model; errors that are correlated with those of the others stay so among themselves.
+    r"""Some rows of a model; errors that are correlated with those of the others stay so among themselves.
+
+    .. math:: h'(x) = E\,h(x), \qquad R' = E R E^T
+
+    with E the rows of the unit matrix that are kept.
 
     Parameters
     ----------

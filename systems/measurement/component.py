@@ -14,7 +14,9 @@ Array = NDArray[np.float64]
 
 
 class Component(CompiledModel):
-    """One component of the state, such as the height z in local axes.
+    r"""One component of the state, such as the height z in local axes.
+
+    .. math:: h(x) = x_k, \qquad R = \sigma^2
 
     Parameters
     ----------

@@ -14,7 +14,9 @@ Array = NDArray[np.float64]
 
 
 class Position(CompiledModel):
-    """Earth-fixed x, y and z, with independent errors.
+    r"""Earth-fixed x, y and z, with independent errors.
+
+    .. math:: h(x) = p, \qquad R = \sigma^2 I
 
     Parameters
     ----------

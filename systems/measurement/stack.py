@@ -21,9 +21,11 @@ Array = NDArray[np.float64]
 
 
 class Stack(MeasurementModel):
-    """The rows of several models, one after the other; their noises are independent of each other.
+    r"""The rows of several models, one after the other; their noises are independent of each other.
 
     Models that look along the same lines of sight share them.
+
+    .. math:: h(x) = [h_1(x);\ h_2(x);\ ...], \qquad R = \mathrm{blockdiag}(R_1, R_2, ...)
 
     Parameters
     ----------

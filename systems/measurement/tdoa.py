@@ -65,9 +65,13 @@ class Tdoa(Differenced):
 
 
 class GroundTdoa(Tdoa):
-    """Time difference of arrival of a wave that goes along the ground, or over it by the ionosphere.
+    r"""Time difference of arrival of a wave that goes along the ground, or over it by the ionosphere.
 
     Rows and names are those of `Tdoa`; target and receivers are taken to be on the ground.
+
+    .. math:: \tau_{i0} = [L(d_i) - L(d_0)]/c
+
+    with d the straight distance to the receiver and L as in `quietfix.systems.geometry.wave_path`.
 
     Parameters
     ----------

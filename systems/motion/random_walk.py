@@ -16,7 +16,9 @@ Array = NDArray[np.float64]
 
 
 class RandomWalk(MotionModel):
-    """Independent random walks.
+    r"""Independent random walks.
+
+    .. math:: x_{k+1} = x_k + w_k, \qquad Q = \mathrm{diag}(q)\,\Delta t
 
     Parameters
     ----------

@@ -14,7 +14,10 @@ __all__ = ["Ekf"]
 
 @dataclass(frozen=True)
 class Ekf(KalmanOptions):
-    """Extended Kalman filter: one linearisation, at the prediction."""
+    r"""Extended Kalman filter: one linearisation, at the prediction.
+
+    .. math:: K = P^- H^T (H P^- H^T + R)^{-1}, \qquad x = x^- + K\,[z - h(x^-)], \qquad P = (I - K H) P^-
+    """
 
     def algorithm(self, motion: MotionModel) -> GaussianFilter:
         """See `KalmanOptions.algorithm`."""

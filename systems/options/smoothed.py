@@ -29,9 +29,13 @@ __all__ = ["Smoothed", "can_be_smoothed"]
 
 @dataclass(frozen=True)
 class Smoothed(EstimatorOptions):
-    """Smoother (Rauch-Tung-Striebel) of a Kalman-type filter: what it knows of a state with later measurements too.
+    r"""Smoother (Rauch-Tung-Striebel) of a Kalman-type filter: what it knows of a state with later measurements too.
 
     It looks back when a run is over; until then its ports carry what the filter knows.
+
+    .. math:: x^s = x + G\,(x^s_+ - x^-_+), \qquad P^s = P + G\,(P^s_+ - P^-_+)\,G^T, \qquad G = P A^T (P^-_+)^{-1}
+
+    Rauch, Tung and Striebel, *Maximum likelihood estimates of linear dynamic systems*, AIAA J. 3 (1965) 1445-1450.
     """
 
     filter: Iekf | Ekf | Ukf | Mgekf | UkfUnaugmented | UkfMonitored | Custom = documented(

@@ -39,10 +39,12 @@ def check_start(start: ArrayLike) -> Array:
 
 
 class StraightLine(EnsembleBlock):
-    """An emitter on a straight line in Earth-fixed axes.
+    r"""An emitter on a straight line in Earth-fixed axes.
 
     Ports, all outputs: ``state`` (trials, 6) Earth-fixed position [m] and velocity [m/s]; ``acceleration``
     (trials, 3) relative to the Earth-fixed axes [m/s^2], zero here.
+
+    .. math:: p(t) = p_0 + v_0 t, \qquad v(t) = v_0
 
     Parameters
     ----------
@@ -72,10 +74,13 @@ class StraightLine(EnsembleBlock):
 
 
 class GreatCircle(EnsembleBlock):
-    """An emitter at constant height along a great circle; see `great_circle`.
+    r"""An emitter at constant height along a great circle; see `great_circle`.
 
     Ports, all outputs: ``state`` (trials, 6) Earth-fixed position [m] and velocity [m/s]; ``acceleration``
     (trials, 3) relative to the Earth-fixed axes [m/s^2].
+
+    .. math:: n(t) = n_0\cos\omega t + m\sin\omega t, \qquad p = a D n/\sqrt{1 - e^2 n_z^2} + h n, \qquad
+              D = \mathrm{diag}(1, 1, 1 - e^2)
 
     Parameters
     ----------

@@ -20,11 +20,13 @@ _KEPT_ROOTS = 64
 
 
 class ModelPlant(EnsembleBlock):
-    """Truth that moves exactly as a motion model says: what a consistency test needs, and every random walk.
+    r"""Truth that moves exactly as a motion model says: what a consistency test needs, and every random walk.
 
     The start is N(mean, covariance) per trial; at tick k the state is ``propagate(state at tick k - 1)``
     plus a draw of the model's process noise; between ticks it is the propagated state. Port: ``state``
     (trials, n).
+
+    .. math:: x_0 \sim N(\bar x, P), \qquad x_k = f(x_{k-1}) + w_k, \qquad w_k \sim N(0, Q(t_k - t_{k-1}))
 
     Parameters
     ----------

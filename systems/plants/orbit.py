@@ -103,10 +103,15 @@ class _OrbitBlock(EnsembleBlock):
 
 
 class Orbit(_OrbitBlock):
-    """Satellites as continuous state, for a fixed-step ``runge_kutta5`` (1 s: 0.01 mm in low orbit).
+    r"""Satellites as continuous state, for a fixed-step ``runge_kutta5`` (1 s: 0.01 mm in low orbit).
 
     Ports, all outputs: ``state`` (trials, satellites * 6) Earth-fixed position [m] and velocity [m/s];
     ``inertial`` the same in inertial axes; ``acceleration`` (trials, satellites * 3) inertial [m/s^2].
+
+    .. math:: \ddot r = \nabla U, \qquad U = \frac{\mu}{r}\Big[1 - J_2 \Big(\frac{R}{r}\Big)^2 \frac{3 s^2 - 1}{2}\Big],
+              \quad s = z/r
+
+    Vallado, *Fundamentals of Astrodynamics and Applications*, 4th ed., section 8.6.
 
     Parameters
     ----------
@@ -151,10 +156,14 @@ class Orbit(_OrbitBlock):
 
 
 class DenseOrbit(_OrbitBlock):
-    """Satellites as a dense function of time: SciPy's DOP853, solved once when the block is made.
+    r"""Satellites as a dense function of time: SciPy's DOP853, solved once when the block is made.
 
     For truth that all trials share (trials = 1): cheaper than `Orbit`, and as exact between steps as on them.
     Ports as `Orbit`.
+
+    .. math:: \ddot r = \nabla U(r)
+
+    with U as of `Orbit`.
 
     Parameters
     ----------

@@ -57,7 +57,9 @@ class BiasLaw:
 
 
 class OscillatorBias(EnsembleBlock):
-    """Port ``state`` (trials, 1): the bias [m/s]; between ticks epsilon is that of the last tick.
+    r"""Port ``state`` (trials, 1): the bias [m/s]; between ticks epsilon is that of the last tick.
+
+    .. math:: \delta(t) = (b + \varepsilon)\,t^k + r t
 
     Parameters
     ----------

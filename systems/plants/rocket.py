@@ -57,11 +57,16 @@ def fly(model: RocketModel, end: float, method: str = "DOP853", rtol: float = _R
 
 
 class Rocket(EnsembleBlock):
-    """Truth shared by all trials, as a dense function of the time since lift-off.
+    r"""Truth shared by all trials, as a dense function of the time since lift-off.
 
     Ports, all outputs: ``state`` (1, 6) launch-frame position [m] and velocity [m/s]; ``acceleration`` (1, 3)
     relative to the launch frame [m/s^2]; ``stage`` (1, 1) the lowest stage attached, 0 for the first. At an event
     they show what holds after it.
+
+    .. math:: \dot v = \frac{(F - pA_e)\,u}{m} - \frac{\rho v c_d A}{2m} V - \frac{\mu d}{|d|^3}
+              - 2\,\omega\times v - \omega\times(\omega\times d)
+
+    with all that is in it as of `quietfix.systems.trajectories.rocket.RocketModel`.
 
     Parameters
     ----------

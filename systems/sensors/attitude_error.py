@@ -20,9 +20,13 @@ Array = NDArray[np.float64]
 
 
 class AttitudeError(EnsembleBlock):
-    """Turn the directions that a sensor reads, as if its axes were turned; put it behind the sensor.
+    r"""Turn the directions that a sensor reads, as if its axes were turned; put it behind the sensor.
 
     Inputs ``measurement``, ``target`` and ``platforms`` (the true ones), output ``measurement``.
+
+    .. math:: z' = z + h(C x) - h(x), \qquad C = \exp[\theta\times],\quad \theta \sim N(\theta_0, \sigma^2 I)
+
+    with C x the target as it is seen from axes that are turned by C.
 
     Parameters
     ----------

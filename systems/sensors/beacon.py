@@ -21,13 +21,18 @@ Array = NDArray[np.float64]
 
 
 class BeaconStations(EnsembleBlock):
-    """Range rates of one rocket at many stations.
+    r"""Range rates of one rocket at many stations.
 
     Inputs ``target``, ``platforms``, ``bias`` (the beacon's oscillator error [m/s]) and ``mode`` (per station; 0: it
     receives the beacon, range rate + bias; 1: it receives the transponder, range rate + uplink range rate). Outputs
     ``measurement``, and for scores ``common``: what most stations' measurements have in common at this instant [m/s].
     NaN between the ticks of the clock, at stations that do not see the rocket, and at transponder stations when the
     uplink station does not.
+
+    .. math:: z_i = \dot r_i + \delta + \epsilon_i + w_i \ (\text{beacon}), \qquad
+              z_i = \dot r_i + \dot r_{\mathrm{uplink}} + w_i \ (\text{transponder})
+
+    Shang, Xing and Gan, Control Theory & Applications 29 (2012) 59.
 
     Parameters
     ----------

@@ -36,10 +36,12 @@ class JoinedPart:
 
 
 class JoinedMeasurements(EnsembleBlock):
-    """Put the rows of several sensors, whose errors are independent, side by side.
+    r"""Put the rows of several sensors, whose errors are independent, side by side.
 
     Inputs: a port NAME for the measurement of each part, and ``NAME_noise_covariance`` where its covariance varies.
     Outputs ``measurement`` and ``noise_covariance``, rows in the order of the parts.
+
+    .. math:: z = [z_1;\ z_2;\ ...], \qquad R = \mathrm{blockdiag}(R_1, R_2, ...)
 
     Parameters
     ----------

@@ -14,9 +14,11 @@ Array = NDArray[np.float64]
 
 
 class Navigation(EnsembleBlock):
-    """A platform's state with an error of position: what estimators know of their platform.
+    r"""A platform's state with an error of position: what estimators know of their platform.
 
     Inputs ``platforms`` (1, 6) and ``error`` (trials, axes); output ``platforms`` (trials, 6).
+
+    .. math:: p' = p + e
 
     Parameters
     ----------

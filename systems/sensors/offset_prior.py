@@ -18,9 +18,11 @@ Array = NDArray[np.float64]
 
 
 class OffsetPrior(EnsembleBlock):
-    """The truth plus a given error, from a given instant on; before it NaN.
+    r"""The truth plus a given error, from a given instant on; before it NaN.
 
     Input ``truth``; outputs ``initial_estimate_N`` (trials, N) for every number of states asked for.
+
+    .. math:: x_0 = x(t_0) + \Delta
 
     Parameters
     ----------

@@ -17,9 +17,11 @@ Array = NDArray[np.float64]
 
 
 class PlatformError(EnsembleBlock):
-    """Add to the platforms' states an error that is constant through a run, N(0, sigma^2) per axis and trial.
+    r"""Add to the platforms' states an error that is constant through a run, N(0, sigma^2) per axis and trial.
 
     Input and output ``platforms``; estimators read the output, sensors the true states.
+
+    .. math:: s' = s + e, \qquad e \sim N(0,\ \mathrm{diag}(\sigma_p^2 I, \sigma_v^2 I))
 
     Parameters
     ----------

@@ -16,9 +16,11 @@ Array = NDArray[np.float64]
 
 
 class PriorEstimate(EnsembleBlock):
-    """Input ``target``, output ``initial_estimate``: the target's state plus a draw of N(0, covariance) per trial.
+    r"""Input ``target``, output ``initial_estimate``: the target's state plus a draw of N(0, covariance) per trial.
 
     The draw is the same at all times; an estimator reads the port when it starts.
+
+    .. math:: x_0 = x(t_0) + e, \qquad e \sim N(0, P)
 
     Parameters
     ----------

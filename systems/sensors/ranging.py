@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class Ranging(EnsembleBlock):
-    """Solve the ranging equation for every trial.
+    r"""Solve the ranging equation for every trial.
 
     Inputs ``measurement`` (the six rows in the order of `ROWS`), ``platforms`` and, with `feedback`, ``prediction``.
     Outputs: ``ranges`` (3) all positive roots [m], NaN where there is none; ``range_sigmas`` (3) their standard
@@ -26,6 +26,9 @@ class Ranging(EnsembleBlock):
     acceleration. With `feedback` also ``measurement`` (3), the position nearest to the predicted one, and
     ``noise_covariance`` (9), evaluated at the prediction: a position measurement for any estimator that takes its R
     from a port.
+
+    .. math:: f(r) = w_2 r + e\cdot a(r_O + r e) - e\cdot a(r_O) - \ddot r = 0, \qquad
+              w_2 = (\dot\beta\cos\epsilon)^2 + \dot\epsilon^2
 
     Parameters
     ----------

@@ -19,10 +19,14 @@ Array = NDArray[np.float64]
 
 
 class ReadingError(EnsembleBlock):
-    """Impair a measurement; put it behind the sensor.
+    r"""Impair a measurement; put it behind the sensor.
 
     Input and output ``measurement``. Every row of every trial and tick is impaired independently; with the same seed a
     larger rate impairs the same rows and more.
+
+    .. math:: z' = z + b + B w + o\,k\,\mathrm{diag}(\sigma)\,g, \qquad w, g \sim N(0, I)
+
+    with o = 1 in a share `outlier_rate` of the rows and 0 in the others, k the scale of gross errors.
 
     Parameters
     ----------

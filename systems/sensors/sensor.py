@@ -20,10 +20,12 @@ Array = NDArray[np.float64]
 
 
 class Sensor(EnsembleBlock):
-    """Read a target from known platforms.
+    r"""Read a target from known platforms.
 
     Inputs ``target`` and ``platforms``, output ``measurement``; NaN between the ticks of its clock and in rows
     whose platforms are below the horizon. The noise is a function of (seed, block name, trial, tick).
+
+    .. math:: z_k = h(x(t_k), s(t_k)) + L w_k, \qquad L L^T = R, \quad w_k \sim N(0, I)
 
     Parameters
     ----------

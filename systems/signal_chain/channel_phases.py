@@ -18,11 +18,14 @@ Array = NDArray[np.float64]
 
 
 class ChannelPhaseSensor(EnsembleBlock):
-    """Compare two channels of one receiver.
+    r"""Compare two channels of one receiver.
 
     Inputs ``first`` and ``second`` (each an `IqBlock`), output ``phase`` (trials, 2): the phase of the second minus
     that of the first and its standard deviation [rad]; NaN between the ticks of the clock, and where samples are
     missing.
+
+    .. math:: \phi = \arg\sum_k \bar X_k Y_k, \qquad
+              \sigma_\phi^2 = \sum_k [\Im(C_k e^{-j\phi})]^2 \Big/ \Big[\sum_k \Re(C_k e^{-j\phi})\Big]^2
 
     Parameters
     ----------

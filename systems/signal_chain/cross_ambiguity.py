@@ -106,7 +106,7 @@ class Aim:
 
 
 class CrossAmbiguitySensor(EnsembleBlock):
-    """Compare what two receivers heard.
+    r"""Compare what two receivers heard.
 
     Inputs ``main`` and ``auxiliary`` (each an `IqBlock`); with an `Aim` also ``prediction``, ``platforms`` and perhaps
     ``prediction_covariance``; without a window ``window`` (trials, 4), the fields of a `Window`, where a trial with a
@@ -116,6 +116,11 @@ class CrossAmbiguitySensor(EnsembleBlock):
 
     A measurement depends on the prediction through the place of the window only. An estimator's prediction does not
     feed through, so that it may come from the estimator that the measurement goes to.
+
+    .. math:: (\hat\tau, \hat f) = \arg\max |A(\tau, f)|, \qquad
+              A(\tau, f) = \sum_n \bar x_n\,y_n(\tau)\,e^{-2\pi j f t_n}
+
+    Stein, *Algorithms for ambiguity function processing*, IEEE Trans. ASSP-29 (1981) 588.
 
     Parameters
     ----------

@@ -14,11 +14,13 @@ __all__ = ["InterSatelliteLink"]
 
 
 class InterSatelliteLink(EnsembleBlock):
-    """Input and output ``iq``: delayed, with the known delay taken out of the time tags again, and quantised.
+    r"""Input and output ``iq``: delayed, with the known delay taken out of the time tags again, and quantised.
 
     Samples carry the time at which the auxiliary satellite's clock saw them. A delay that is known does not change it;
     what is not known of it (of link and clock) is an error of the TDOA of the same size. That the samples arrive later
     than the instant they belong to is not simulated: the main satellite computes after the event.
+
+    .. math:: t' = t + \delta - \delta_{\mathrm{assumed}}, \qquad x' = Q_b(x)
 
     Parameters
     ----------

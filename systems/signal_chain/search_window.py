@@ -94,7 +94,7 @@ def direction_belief(
 
 
 class SearchWindow(EnsembleBlock):
-    """Say where the peak of the cross-ambiguity function is to be sought.
+    r"""Say where the peak of the cross-ambiguity function is to be sought.
 
     Inputs ``direction`` (2), ``platforms`` and, with `feedback`, an estimator's ``prediction`` (6) and
     ``prediction_covariance`` (36). Output ``window`` (4): centre of the TDOA [s] and of the FDOA [Hz], and the
@@ -103,6 +103,8 @@ class SearchWindow(EnsembleBlock):
     The window is the predicted value plus and minus so many standard deviations; where there is no prediction, or
     none yet, that of a target at rest where the direction reaches a height. Its half-widths are rounded up to a few
     sizes, powers of 1.5 times the least, so that trials can be worked on together. NaN where nothing is known.
+
+    .. math:: h(x^-) \pm k\,\sqrt{\mathrm{diag}(H P^- H^T + R)}
 
     Parameters
     ----------

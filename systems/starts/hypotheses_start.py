@@ -25,11 +25,13 @@ Array = NDArray[np.float64]
 
 
 class HypothesesStart(Start):
-    """Positions from the first TDOAs, wrapped phases and an assumed height; velocity zero with a wide spread.
+    r"""Positions from the first TDOAs, wrapped phases and an assumed height; velocity zero with a wide spread.
 
     Where the formation is nearly a line, an error of the assumed height moves the fix across the track by cycles of
     phase, the fix exists left and right of the track or not at all, and no one Gaussian can tell of all that.
     `hypotheses` returns one for each set of integers; `begin` their common mean and covariance.
+
+    .. math:: x_0 = \sum_i w_i x_i, \qquad P_0 = \sum_i w_i\,[P_i + (x_i - x_0)(x_i - x_0)^T]
 
     Parameters
     ----------

@@ -21,13 +21,17 @@ Array = NDArray[np.float64]
 
 
 class KnownHeightStart(Start):
-    """Position from the first TDOAs and an assumed height, velocity zero with a wide spread.
+    r"""Position from the first TDOAs and an assumed height, velocity zero with a wide spread.
 
     With the light time of the TDOA model, in which a delay depends on the velocity a little (0.35 ns at 400 m/s and
     80 km baselines in low orbit), position and velocity are correlated.
 
     Section 2.1 of Xu, Su and Wang, doi 10.20079/j.issn.1001-893x.220609005. The assumed height comes on the port
     ``assumed_height``: connect a constant, or a block that draws it.
+
+    .. math:: x_0 = (\hat p(\tau_{10}, \tau_{20}, h),\ 0), \qquad P_0 = \mathrm{diag}(P_1,\ \sigma_v^2 I)
+
+    with :math:`\hat p` and :math:`P_1` as in `quietfix.systems.fixes.known_height`.
 
     Parameters
     ----------

@@ -18,9 +18,11 @@ _PORT = "prior_position"
 
 
 class PriorPositionStart(Start):
-    """Belief N([prior position, 0], diag(sigma_position^2, sigma_velocity^2)).
+    r"""Belief N([prior position, 0], diag(sigma_position^2, sigma_velocity^2)).
 
     The prior comes on the port ``prior_position``: connect a sensor with a `Position` model.
+
+    .. math:: x_0 = (\bar p,\ 0), \qquad P_0 = \mathrm{diag}(\sigma_p^2 I,\ \sigma_v^2 I)
 
     Parameters
     ----------

@@ -21,9 +21,11 @@ _RANK = 1e-12  # smallest eigenvalue of the information, scaled to unit diagonal
 
 
 class SnapshotStart(Start):
-    """Position and its covariance from `snapshot_fix`, velocity zero with a wide spread.
+    r"""Position and its covariance from `snapshot_fix`, velocity zero with a wide spread.
 
     The search begins around the platforms, see `starts_around`; nothing else need be known.
+
+    .. math:: x_0 = (\hat p,\ 0), \qquad P_0 = \mathrm{diag}([H^T R^{-1} H]^{-1},\ \sigma_v^2 I)
 
     Parameters
     ----------

@@ -97,7 +97,9 @@ class CloudStart(Start):
 
 
 class GivenStart(Start):
-    """Start every trial from one belief.
+    r"""Start every trial from one belief.
+
+    .. math:: x_0 = \bar x, \qquad P_0 = \bar P
 
     Parameters
     ----------
@@ -126,9 +128,11 @@ class GivenStart(Start):
 
 
 class PortStart(Start):
-    """Start from a prior mean that arrives on the port ``initial_estimate``, with a given covariance.
+    r"""Start from a prior mean that arrives on the port ``initial_estimate``, with a given covariance.
 
     Connect a block that draws it around the truth (a prior is a measurement made before the run).
+
+    .. math:: x_0 = \bar x_{\mathrm{port}}, \qquad P_0 = \bar P
 
     Parameters
     ----------

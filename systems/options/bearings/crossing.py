@@ -29,7 +29,11 @@ _GOOD_INSTRUMENT = 0.1  # standard deviation over range, below which the last es
 
 
 class CrossingLocator(BearingLocator):
-    """Locate a target at rest in the plane where lines of bearing cross.
+    r"""Locate a target at rest in the plane where lines of bearing cross.
+
+    A line of bearing from :math:`p_i` is :math:`n_i^T (x - p_i) = 0` with
+    :math:`n_i = (-\sin\theta_i, \cos\theta_i)`; `quietfix.systems.fixes.crossing` solves that of two lines, or of all
+    in the least-squares sense.
 
     Parameters
     ----------

@@ -27,11 +27,13 @@ _VAGUE = 0.1  # a fit whose standard deviation is more than this share of the ra
 
 
 class MaximumLikelihood(BearingLocator):
-    """At every epoch the maximum-likelihood state given all bearings so far; `maximum_likelihood`.
+    r"""At every epoch the maximum-likelihood state given all bearings so far; `maximum_likelihood`.
 
     The fit goes on from the last one; while it is vague, also from the start's belief, and the likelier one is kept.
     Bearings beyond the window are folded, linearised at the estimate, into a prior: nothing is lost, and the cost of an
     epoch stays bounded.
+
+    .. math:: \hat x = \arg\min_x \sum_k \frac{\mathrm{wrap}^2(z_k - h_k(x))}{2\sigma^2}
 
     Parameters
     ----------

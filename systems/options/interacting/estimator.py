@@ -33,13 +33,16 @@ Mask = NDArray[np.bool_]
 
 
 class InteractingModels(Estimator):
-    """One Gaussian filter per motion; before each step they are mixed, after each measurement weighed.
+    r"""One Gaussian filter per motion; before each step they are mixed, after each measurement weighed.
 
     See `quietfix.systems.filters.interacting`. ``estimate``, ``covariance`` and ``prediction`` are the moments of the
     mixture; ``innovation``, ``nis`` and ``nis_dof`` are the filter's for the moments of the predicted mixture. A model
     whose filter is lost has no probability until the others become it.
 
     Further output: ``probabilities`` (trials, M).
+
+    .. math:: \mu_{i|j} = \pi_{ij}\,\mu_i / c_j, \qquad x_{0j} = \sum_i \mu_{i|j}\,x_i, \qquad
+              \mu_j \propto \Lambda_j \sum_i \pi_{ij}\,\mu_i
 
     Parameters
     ----------

@@ -31,9 +31,13 @@ _NO_PRIOR = np.diag([1e9**2] * 3 + [1e6**2] * 3)  # wider than any orbit; m and 
 
 
 class RootsStart(Start):
-    """Position and velocity at every root of the first epoch's ranging equation that can be a satellite; no prior.
+    r"""Position and velocity at every root of the first epoch's ranging equation that can be a satellite; no prior.
 
     A trial without such a root begins at the next epoch that has one.
+
+    .. math:: f(r_j) = 0, \qquad x_j = (r_O + r_j e,\ v_j), \qquad P_j = k\,G_j\,\mathrm{diag}(\sigma^2)\,G_j^T
+
+    with f the ranging equation (`quietfix.systems.fixes.ranging`), G the derivative of the state by the six rows.
 
     Parameters
     ----------
@@ -86,6 +90,8 @@ class RootBank(HypothesisBank):
     The estimate is the mixture until the data have spoken; a root whose probability falls below `least_weight` is
     dropped for good (the static multiple-model estimator: Bar-Shalom, Li and Kirubarajan, *Estimation with Applications
     to Tracking and Navigation*, 2001, section 11.6.2).
+
+    .. math:: w_i \leftarrow \frac{w_i\,p_i(z)}{\sum_j w_j\,p_j(z)}
 
     Parameters
     ----------

@@ -18,7 +18,13 @@ __all__ = ["Ra", "RaPaper"]
 
 @dataclass(frozen=True)
 class Ra(EstimatorOptions):
-    """Range-decomposed filter (RA) with what it needs to work; see `RangeDecomposed`."""
+    r"""Range-decomposed filter (RA) with what it needs to work; see `RangeDecomposed`.
+
+    .. math:: \hat r = \text{the root of } f(r) \text{ nearest to the orbit plane}, \qquad z = r_O + \hat r e, \qquad
+              R = G\,\mathrm{diag}(\sigma^2)\,G^T
+
+    with f the ranging equation of `quietfix.systems.fixes.ranging`; z is then the measurement of a Kalman filter.
+    """
 
     plane_epochs: int = count("epochs whose orbit planes are clustered", 20, at_least=2)
     pattern: str = choice(
@@ -54,11 +60,13 @@ class Ra(EstimatorOptions):
 
 @dataclass(frozen=True)
 class RaPaper(EstimatorOptions):
-    """Range-decomposed filter as printed by Wu, Xin and Wan.
+    r"""Range-decomposed filter as printed by Wu, Xin and Wan.
 
     It differs from `Ra` in the printed choices only: the plane from 6 epochs that are known in advance and averaged as
     slopes, every positive root a candidate, the covariance at the measured root (37), no gate. After the singularity
     noise-shifted roots look precise there, and a third of the runs end far off.
+
+    .. math:: \hat r = \text{the root of } f(r) \text{ nearest to the orbit plane}, \qquad z = r_O + \hat r e
     """
 
     plane_epochs: int = count("epochs whose orbit planes are clustered", 6, at_least=2)

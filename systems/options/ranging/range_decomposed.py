@@ -64,9 +64,10 @@ class _Belief(NamedTuple):
 class RangeDecomposed(Estimator):
     r"""RA filter of Wu, Xin and Wan, section 4.3.
 
-    Each epoch the ranging equation gives up to three positions; the one nearest to the known orbit plane is the
-    measurement of a Kalman filter, with the covariance that follows from the errors of the six rows. The plane comes
-    from clustering the candidates of the first `plane_epochs` epochs and then follows the filter's own state.
+    Each epoch the ranging equation gives up to three positions :math:`r_O + r_i e`; the one nearest to the known orbit
+    plane is the measurement of a Kalman filter, with the covariance that follows from the errors of the six rows. The
+    plane comes from clustering the candidates of the first `plane_epochs` epochs and then follows the filter's own
+    state.
 
     Until those epochs are there the estimate is the prior; then all of them are used at once, from the prior of the
     first. Where fewer than half of them agree on a plane, the next ones are waited for; with `by_likelihood`, where it
