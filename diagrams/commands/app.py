@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -41,6 +43,7 @@ from quietfix.diagrams.console.arguments import (
     WORKERS,
     WRITE_MEASUREMENTS,
     number,
+    with_json,
     with_smoothers,
 )
 from quietfix.diagrams.identification.options import identify
@@ -83,25 +86,20 @@ def _options(
 
 
 @app.command("list")
+@with_json
 def list_(
     chosen: Annotated[
         list[str] | None, typer.Argument(metavar="[SYSTEM]...", help="Only these.", show_default=False)
     ] = None,
 ) -> None:
     """List systems, variants and estimators."""
-    from quietfix.diagrams.assembly.find import RECORDINGS
     from quietfix.diagrams.commands.listing import list_systems
-    from quietfix.diagrams.console.terminal import say
-    from quietfix.systems.registry import ESTIMATORS
 
     list_systems(chosen)
-    if chosen:
-        return
-    say(f"registered estimators: {', '.join(ESTIMATORS)}")
-    say(f"recordings, also for `quietfix replay`: {', '.join(RECORDINGS)}")
 
 
 @app.command()
+@with_json
 def new(
     name: Annotated[str, typer.Argument(metavar="NAME", help="What it is called; letters, digits, _ and -.")],
     template: Annotated[
@@ -116,6 +114,7 @@ def new(
 
 
 @app.command()
+@with_json
 def show(
     system: Annotated[str | None, SYSTEM] = None,
     settings: Annotated[list[str] | None, SET] = None,
@@ -126,7 +125,8 @@ def show(
 
     With --schema, for an editor that completes and checks the file; without SYSTEM that of a system of one's own.
     """
-    from quietfix.diagrams.commands.catalogue import load_scenario
+    from quietfix.diagrams.commands.catalogue import load_scenario, meanings, scenario_data
+    from quietfix.diagrams.console.answer import asked_for_json, tell
     from quietfix.diagrams.schema.errors import UserError
     from quietfix.diagrams.schema.scenario import dump
 
@@ -135,16 +135,23 @@ def show(
 
         if settings or scenario is not None:
             raise UserError("--schema: it is not allowed with --set or --scenario; it is the same for all values")
-        print(schema_text(system))
+        text = schema_text(system)
+        tell(**json.loads(text))
+        if not asked_for_json():
+            print(text)
         return
     if system is None:
         raise UserError("SYSTEM: none is given; see `quietfix list`")
     resolved = load_scenario(system, None, scenario, settings or [])
+    if asked_for_json():
+        tell(system=system, scenario=scenario_data(resolved), meanings=meanings(resolved))
+        return
     print(f"# {system}")
     print(dump(resolved), end="")
 
 
 @app.command()
+@with_json
 def run(
     system: Annotated[str | None, SYSTEM] = None,
     estimators: Annotated[list[str] | None, ESTIMATOR] = None,
@@ -230,6 +237,9 @@ def live(
     estimators: Annotated[list[str] | None, ESTIMATOR] = None,
     settings: Annotated[list[str] | None, SET] = None,
     scenario: Annotated[Path | None, SCENARIO] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="As ever: what is printed are JSON objects, one a line.")
+    ] = False,
 ) -> None:
     """Run estimators on measurements as they come: lines of JSON in, estimates as lines of JSON out.
 
@@ -242,6 +252,7 @@ def live(
 
 
 @app.command()
+@with_json
 def draw(
     system: Annotated[str, SYSTEM],
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="SVG or PNG.  [default: SYSTEM.svg]")] = None,
@@ -257,6 +268,7 @@ def draw(
 
 
 @app.command()
+@with_json
 def gdop(
     system: Annotated[str, SYSTEM],
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Where the maps go.  [default: gdop]")] = None,
@@ -271,6 +283,7 @@ def gdop(
 
 
 @app.command()
+@with_json
 def observe(
     system: Annotated[str, SYSTEM],
     estimators: Annotated[list[str] | None, ESTIMATOR] = None,
@@ -292,6 +305,7 @@ def observe(
 
 
 @app.command(cls=ReplayHelp)
+@with_json
 def replay(
     dataset: Annotated[str, typer.Argument(metavar="DATASET", help="Which recording; see `quietfix list`.")],
     file: Annotated[list[Path] | None, RECORDINGS] = None,
@@ -330,9 +344,10 @@ def replay(
         )
 
 
-app.command()(compare)
-app.command()(sweep)
-app.command()(verify)
-app.command()(identify)
-for command in (inspect, plot, page, play, diff, export):
+_FURTHER: list[Callable[..., Any]] = [
+    *(with_json(one) for one in (compare, sweep, verify, identify, inspect, plot, page)),
+    play,
+    *(with_json(one) for one in (diff, export)),
+]
+for command in _FURTHER:
     app.command()(command)

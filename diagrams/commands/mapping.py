@@ -10,11 +10,14 @@ import xarray as xr
 
 from quietfix.diagrams.assembly.map import BoundMap
 from quietfix.diagrams.assembly.system import System
+from quietfix.diagrams.console.answer import tell
 from quietfix.diagrams.maps.bounds import map_bounds
 from quietfix.diagrams.maps.default import default_maps
 from quietfix.diagrams.schema.errors import UserError
 
-__all__ = ["bound_maps", "map_figures", "print_map"]
+__all__ = ["bound_maps", "map_figures", "print_map", "told_of_map"]
+
+_PERCENTILES = {"least": 0, "percentile_10": 10, "median": 50, "percentile_90": 90, "largest": 100}
 
 
 def bound_maps(system: System, scenario: Any) -> list[BoundMap]:
@@ -60,7 +63,30 @@ def map_figures(system: System, scenario: Any, folder: Path | str, progress: boo
         draw_gdop(dataset, folder)
         (of.report or print_map)(dataset)
         found.append(dataset)
+    tell(maps=[told_of_map(dataset) for dataset in found])
     return found
+
+
+def told_of_map(dataset: xr.Dataset) -> dict[str, Any]:
+    """Return how large the bounds on a map are, as JSON has it: what `print_map` prints, and what the map is of."""
+    attributes = dataset.attrs
+    sets: dict[str, Any] = {}
+    for name in dataset["set"].values:
+        row = sets.setdefault(str(name), {})
+        for quantity in attributes["quantities"]:
+            percentiles, count = _percentiles(dataset, str(name), quantity)
+            tail = f"{quantity}_{dataset[quantity].attrs['units'].replace('/', 'p')}"
+            row[tail] = {"points": count} | dict(zip(_PERCENTILES, percentiles, strict=True))
+    facts = {key: attributes[key] for key in ("noise", "prior", "target")}
+    return {"duration_s": attributes["duration_s"], **facts, "sets": sets}
+
+
+def _percentiles(dataset: xr.Dataset, name: str, quantity: str) -> tuple[list[float], int]:
+    """Return least, 10 %, median, 90 % and largest of a bound where there is one, and at how many points that is."""
+    values = dataset[quantity].sel(set=name).values
+    values = values[np.isfinite(values)]
+    found = np.percentile(values, list(_PERCENTILES.values())) if values.size else np.full(len(_PERCENTILES), np.nan)
+    return [float(value) for value in found], int(values.size)
 
 
 def print_map(dataset: xr.Dataset) -> None:
@@ -77,9 +103,8 @@ def print_map(dataset: xr.Dataset) -> None:
     )
     for name in dataset["set"].values:
         for quantity in attributes["quantities"]:
-            values = dataset[quantity].sel(set=name).values
-            values = values[np.isfinite(values)]
+            found, count = _percentiles(dataset, str(name), quantity)
             unit = dataset[quantity].attrs["units"]
-            cells = [f"{q:.4g}" for q in np.percentile(values, [0, 10, 50, 90, 100])] if values.size else ["-"] * 5
-            table.add(str(name), f"{quantity} [{unit}]", str(values.size), *cells)
+            cells = [f"{q:.4g}" if count else "-" for q in found]
+            table.add(str(name), f"{quantity} [{unit}]", str(count), *cells)
     print_table(table)

@@ -11,6 +11,7 @@ from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 
+from quietfix.diagrams.console.answer import asked_for_json, tell
 from quietfix.diagrams.console.terminal import say
 from quietfix.diagrams.schema.errors import UserError, choose
 from quietfix.diagrams.writers.whole_file import undisturbed
@@ -39,9 +40,13 @@ def new_command(name: str, template: str | None, python: bool) -> None:
     _write(texts)
     system, requirements = texts
     reference = f"{system}:SYSTEM" if python else system
+    commands = (f"run {reference}", f"compare {reference} --trials 50", f"verify {requirements}")
+    tell(system=system, requirements=requirements, next=[f"quietfix {command}" for command in commands])
+    if asked_for_json():
+        return
     say(f"{system}: a system to be changed; {requirements}: what it must show. Next:")
-    for command in (f"run {reference}", f"compare {reference} --trials 50", f"verify {requirements}"):
-        print(f"  quietfix {command}")
+    for command in commands:
+        say(f"  quietfix {command}")
 
 
 def new_files(name: str, template: str = TEMPLATES[0], python: bool = False) -> dict[str, str]:

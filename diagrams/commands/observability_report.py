@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from quietfix.diagrams.assembly.find import Found
+from quietfix.diagrams.console.answer import asked_for_json
 from quietfix.diagrams.console.tables import Column, Table, print_table
 from quietfix.diagrams.console.terminal import say
 from quietfix.diagrams.experiments.observability import Observability
@@ -18,7 +19,9 @@ __all__ = ["observability_summary", "print_observability"]
 
 
 def print_observability(found: Sequence[Observability], title: str) -> None:
-    """Print a table per set of measurements, and the verdict."""
+    """Print a table per set of measurements, and the verdict; with ``--json`` the summary has both."""
+    if asked_for_json():
+        return
     for one in found:
         s = one.spectrum
         table = Table(

@@ -14,16 +14,17 @@ import xarray as xr
 from quietfix.diagrams.assembly.find import FORMS, Found, find
 from quietfix.diagrams.cloud.place import is_url
 from quietfix.diagrams.commands.results.drawn import illustrate as _illustrate
+from quietfix.diagrams.console.answer import asked_for_json, tell
 from quietfix.diagrams.console.tables import print_table
-from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.console.terminal import done, say
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.schema.origins import origins_of
 from quietfix.diagrams.studies.output import Finished, OutputFolder
 from quietfix.diagrams.studies.recordings import only_simulated, with_data, with_measurements, with_platforms
 from quietfix.diagrams.studies.rerun import ask_again, ask_as
-from quietfix.diagrams.studies.results import open_result, write_summary
+from quietfix.diagrams.studies.results import open_result, summary_of, write_summary
 from quietfix.diagrams.tables.biases import bias_table
-from quietfix.diagrams.tables.summary import summary_notes, summary_table
+from quietfix.diagrams.tables.summary import end_of_each_track, summary_notes, summary_table
 
 if TYPE_CHECKING:
     from quietfix.diagrams.assembly.recorded import Report
@@ -91,13 +92,14 @@ def _run(
     if before is not None:
         before.refuse_other(plan)
         if before.finished and before.where == before.final:
-            print(f"{before.final} is finished: nothing is left to run")
+            _tell_finished(before.final)
             return None
     if out is None:
         every = range(plan.chunks)
         dataset = joined(study, parts_by(study, plan, every, progress, workers, scheduler))
-        report = study.report(dataset)
-        _print_all(dataset, summarise(dataset), report, study.recorded is not None)
+        report, estimators = study.report(dataset), summarise(dataset)
+        tell(**summary_of(dataset, estimators, began, None if report is None else report.summary()))
+        _print_all(dataset, estimators, report, study.recorded is not None)
         return report
     try:
         folder = make(out, overwrite, "run", reads=from_, plan=plan, resume=resume is not None)
@@ -109,7 +111,7 @@ def _run(
         estimators = summarise(dataset, known)
         report = study.report(dataset)
         told = None if report is None else report.summary()
-        write_summary(folder.work / "summary.json", dataset, estimators, began, told)
+        tell(**write_summary(folder.work / "summary.json", dataset, estimators, began, told))
         _illustrate(dataset, study, folder.work, known)
         if report is not None:
             report.draw(folder.work)
@@ -118,8 +120,16 @@ def _run(
         folder.finish()
     _print_all(open_result(folder.final), estimators, report, study.recorded is not None)
     seconds = f"{time.monotonic() - began:.1f} s"
-    print(f"wrote {shown or out}: results.zarr, summary.json, figures, diagram.svg{_others(out)} ({seconds})")
+    tell(folder=str(shown or out))
+    done(f"wrote {shown or out}: results.zarr, summary.json, figures, diagram.svg{_others(out)} ({seconds})")
     return report
+
+
+def _tell_finished(folder: Path) -> None:
+    """Say that nothing is left to run, and with ``--json`` what the finished result says."""
+    say(f"{folder} is finished: nothing is left to run")
+    if asked_for_json():
+        tell(**json.loads((folder / "summary.json").read_text(encoding="utf-8")), folder=str(folder))
 
 
 def _others(folder: Path) -> str:
@@ -219,6 +229,8 @@ def _print_all(dataset: xr.Dataset, estimators: Mapping[str, Any], report: Repor
 
 def print_summary(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> None:
     """Print a table of a study: one row per estimator."""
+    if asked_for_json() and (ends := end_of_each_track(dataset)) is not None:
+        tell(end_of_each_track=ends)
     print_table(summary_table(dataset, estimators))
     if (biases := bias_table(estimators)) is not None:
         print_table(biases)
@@ -250,7 +262,8 @@ def draw_command(
         study = Study(found, scenario=scenario, estimators=estimators, set=settings, trials=1)
         wired = study.probe
         draw(study.picture, beside, dashed=wired.dashed, header=system, contents=wired.contents)
-    print(f"{'replaced' if existed else 'wrote'} {path}")
+    tell(system=found.reference, variant=found.variant, file=str(path), replaced=existed)
+    done(f"{'replaced' if existed else 'wrote'} {path}")
 
 
 def gdop_command(
@@ -267,7 +280,8 @@ def gdop_command(
         with origins_of(resolved).placing(), found.blaming(resolved.estimators):
             map_figures(found.system, resolved, folder.work)
         folder.finish()
-    print(f"wrote {out}: figures")
+    tell(system=found.reference, variant=found.variant, folder=str(out))
+    done(f"wrote {out}: figures")
 
 
 def observe_command(
@@ -295,6 +309,9 @@ def observe_command(
             (folder.work / "summary.json").write_text(text, encoding="utf-8")
             observe_figures(summary, system, folder.work)
             folder.finish()
+    if asked_for_json():
+        tell(**observability_summary(found, where))
     print_observability(found, system)
     if out is not None:
-        print(f"wrote {out}: summary.json, figures")
+        tell(folder=str(out))
+        done(f"wrote {out}: summary.json, figures")

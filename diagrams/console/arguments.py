@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
+from functools import wraps
+from typing import Annotated, Any
+
 import typer
+
+from quietfix.diagrams.console.answer import answering
 
 __all__ = [
     "AGAIN",
@@ -13,6 +20,7 @@ __all__ = [
     "EVERY",
     "FIRST_TRIAL",
     "FROM",
+    "JSON",
     "KEEP",
     "MEASUREMENTS",
     "OVERWRITE",
@@ -39,6 +47,7 @@ __all__ = [
     "WRITE_MEASUREMENTS",
     "number",
     "whole",
+    "with_json",
     "with_smoothers",
 ]
 
@@ -149,6 +158,11 @@ COMPARED = typer.Option(
     help="Names of the scenario or registry, package.module:Class, `default` or `all`.  [default: those of "
     "the scenario, and ekf, iekf, ukf, pf]",
 )
+JSON = typer.Option(
+    "--json",
+    help="Print one JSON object instead, with the numbers of the table unrounded: units in the names (_m, _s), null "
+    "for what is unknown or infinite, sentences under notes.",
+)
 PAGE = typer.Option("--report", help="With --out DIR: write DIR.html, too; see `quietfix report --help`.")
 VARY = typer.Option(
     metavar="KEY=A:B:N",
@@ -160,3 +174,27 @@ VARY = typer.Option(
 def with_smoothers(estimators: list[str] | None, smooth: bool) -> list[str] | None:
     """Return the estimators that are asked for, with the smoothers of all of them where these are."""
     return [*(estimators or ["default"]), "smoothed"] if smooth else estimators
+
+
+def with_json(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command that has the option ``--json``, too: what it tells is then printed as one JSON object."""
+
+    @wraps(command)
+    def told(*, as_json: bool = False, **options: Any) -> Any:
+        ended = None
+        with answering(as_json):
+            try:
+                command(**options)
+            except typer.Exit as leaving:  # done, with a status of its own
+                ended = leaving
+        if ended is not None:
+            raise ended
+
+    signature = inspect.signature(command, eval_str=True)
+    option = inspect.Parameter(
+        "as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, JSON]
+    )
+    parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in signature.parameters.values()]
+    told.__signature__ = signature.replace(parameters=[*parameters, option])  # type: ignore[attr-defined]
+    told.__annotations__ = {one.name: one.annotation for one in (*parameters, option)}
+    return told

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from rich.cells import cell_len
 
+from quietfix.diagrams.console.answer import asked_for_json
 from quietfix.diagrams.console.terminal import padded, styled, width_of, wrapped, write
 
 __all__ = ["Column", "Styled", "Table", "lost", "print_table", "rendered", "three_digits", "with_interval"]
@@ -72,7 +73,12 @@ class Table:
 
 
 def print_table(table: Table) -> None:
-    """Print a table to standard output, as wide as `quietfix.diagrams.console.terminal.width_of` says."""
+    """Print a table to standard output, as wide as `quietfix.diagrams.console.terminal.width_of` says.
+
+    With ``--json`` it is not printed: the command tells its numbers.
+    """
+    if asked_for_json():
+        return
     write("\n".join(rendered(table, width_of(sys.stdout), styled(sys.stdout))))
 
 

@@ -8,7 +8,9 @@ from typing import TextIO
 
 from rich.cells import cell_len
 
-__all__ = ["live", "padded", "say", "styled", "width_of", "wrapped", "write"]
+from quietfix.diagrams.console.answer import asked_for_json, note
+
+__all__ = ["done", "live", "padded", "say", "styled", "width_of", "wrapped", "write"]
 
 _WIDTH_UNKNOWN = 80  # of a terminal that does not say
 _PLAIN = ("dumb", "unknown")
@@ -86,8 +88,17 @@ def padded(text: str, width: int, right: bool = False) -> str:
 
 
 def say(text: str) -> None:
-    """Print a sentence to standard output, wrapped where that has a width."""
-    write("\n".join(wrapped(text, width_of(sys.stdout))))
+    """Print a sentence to standard output, wrapped where that has a width; with ``--json`` it is among the notes."""
+    if asked_for_json():
+        note(text)
+    else:
+        write("\n".join(wrapped(text, width_of(sys.stdout))))
+
+
+def done(text: str) -> None:
+    """Print a sentence that says what has been written; with ``--json`` nothing, as fields of the answer say that."""
+    if not asked_for_json():
+        say(text)
 
 
 def write(text: str) -> None:

@@ -159,6 +159,7 @@ class Observability:
             "weakest": json_numbers(self.weakest_shares),
             "unknown": json_numbers(s.unknown(self.root)),
             "variance_left": json_numbers(s.remaining(self.root)),
+            "variance_left_of_directions": json_numbers(s.left),
             "observable_from_s": json_numbers(self.observable_from),
             "verdict": self.verdict(),
         }

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from quietfix.diagrams.console.answer import asked_for_json, tell
 from quietfix.diagrams.console.tables import print_table
-from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.console.terminal import done, say
 from quietfix.diagrams.identification.locating import Located, locate
 from quietfix.diagrams.identification.priors import ORDERS, Priors
 from quietfix.diagrams.identification.ranking import Ranking, rank
@@ -142,7 +143,8 @@ def identify_command(asked: Asked, out: Path | None, overwrite: bool) -> None:
     with OutputFolder(out, overwrite, "identify") as folder:
         names = _told(asked, folder.work)
         folder.finish()
-    print(f"wrote {out}: {', '.join(names)}")
+    tell(folder=str(out))
+    done(f"wrote {out}: {', '.join(names)}")
 
 
 def _told(asked: Asked, folder: Path | None) -> list[str]:
@@ -164,8 +166,10 @@ def _told(asked: Asked, folder: Path | None) -> list[str]:
         for name, content in files.items():
             text = json.dumps(content, indent=1, allow_nan=False)
             (folder / name).write_text(text + "\n", encoding="utf-8")
-    print_table(table)
-    for note in [*received.notes, *notes]:
-        say(note)
-    say(words)
+    tell(**next(iter(files.values())))
+    if not asked_for_json():  # the object has notes and verdict of its own
+        print_table(table)
+        for note in [*received.notes, *notes]:
+            say(note)
+        say(words)
     return list(files)

@@ -206,8 +206,14 @@ def ground_areas(dataset: xr.Dataset) -> dict[str, dict[str, float]]:
 
 
 def _print_areas(dataset: xr.Dataset) -> None:
+    from quietfix.diagrams.console.answer import tell
     from quietfix.diagrams.console.tables import Column, Table, print_table
 
+    areas = ground_areas(dataset)
+    tell(
+        areas_million_km2={n: {k: v for k, v in row.items() if "centre" not in k} for n, row in areas.items()},
+        centre={n: {k.removeprefix("centre_"): v for k, v in row.items() if "centre" in k} for n, row in areas.items()},
+    )
     limits = [("position", limit) for limit in POSITION_LIMITS] + [("height", limit) for limit in HEIGHT_LIMITS]
     titles = [f"{quantity} {limit / 1e3:g} km" for quantity, limit in limits]
     table = Table(
@@ -216,7 +222,7 @@ def _print_areas(dataset: xr.Dataset) -> None:
         [Column("measurements"), "visible", *titles, "centre, position and height [km]"],
         caption=f"prior: {dataset.attrs['prior']}",
     )
-    for name, row in ground_areas(dataset).items():
+    for name, row in areas.items():
         cells: list[Any] = [f"{row['visible']:.2f}"]
         cells += [f"{row[f'{quantity}_below_{limit:.0f}_m']:.2f}" for quantity, limit in limits]
         cells.append(f"{row['centre_position_m'] / 1e3:.2f} / {row['centre_height_m'] / 1e3:.2f}")

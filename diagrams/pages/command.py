@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+from quietfix.diagrams.console.answer import tell
+from quietfix.diagrams.console.terminal import done
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.writers.whole_file import replaces, written_beside
 
@@ -16,8 +19,8 @@ _ENDINGS = (".html", ".htm")
 _TELLING = ("results.zarr", "verification.json")
 
 
-def report_command(result: Path, out: Path | None) -> None:
-    """Write the page of a result; see ``quietfix report --help``.
+def report_command(result: Path, out: Path | None) -> dict[str, Any]:
+    """Write the page of a result, and return which file it is; see ``quietfix report --help``.
 
     Raises
     ------
@@ -35,7 +38,9 @@ def report_command(result: Path, out: Path | None) -> None:
     page = report_page(result)
     with written_beside(path) as beside:
         beside.write_text(page, encoding="utf-8")
-    print(f"{'replaced' if existed else 'wrote'} {path} ({len(page.encode()) / 1e6:.1f} MB)")
+    size = len(page.encode())
+    done(f"{'replaced' if existed else 'wrote'} {path} ({size / 1e6:.1f} MB)")
+    return {"file": str(path), "size_bytes": size, "replaced": existed}
 
 
 @contextmanager
@@ -61,9 +66,9 @@ def paged(wanted: bool, out: Path | None) -> Iterator[None]:
         raise UserError("--report: it needs --out DIR, whose page is DIR.html")
     replaces(_beside(out), _SIGNATURE, "--report")
     yield
-    for folder in [out] if any((out / name).exists() for name in _TELLING) else sorted(out.iterdir()):
-        if folder.is_dir() and any((folder / name).exists() for name in _TELLING):
-            report_command(folder, _beside(folder))
+    folders = [out] if any((out / name).exists() for name in _TELLING) else sorted(out.iterdir())
+    told = [folder for folder in folders if folder.is_dir() and any((folder / name).exists() for name in _TELLING)]
+    tell(reports=[report_command(folder, _beside(folder)) for folder in told])
 
 
 def _beside(folder: Path) -> Path:

@@ -21,6 +21,7 @@ def report(
     It needs no network. RESULT: what run, replay, compare, sweep or verify wrote with --out. An earlier page is
     replaced, any other file is not.
     """
+    from quietfix.diagrams.console.answer import tell
     from quietfix.diagrams.pages.command import report_command
 
-    report_command(result, out)
+    tell(**report_command(result, out))

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from html import escape
 
+from quietfix.diagrams.scenes.marks import SIGNATURE
 from quietfix.diagrams.scenes.scene import Scene
 from quietfix.diagrams.scenes.stage import Stage
 from quietfix.diagrams.scenes.timing import Timing
 
-__all__ = ["SIGNATURE", "page"]
-
-SIGNATURE = '<meta name="generator" content="Quietfix play">'
+__all__ = ["page"]
 
 _STYLE = """<style>
 #legend{position:fixed;left:12px;top:12px;max-width:min(23rem,60vw);padding:.6rem .8rem;background:#fffffff0;color:#222;

@@ -14,7 +14,19 @@ from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.constants import EARTH_RATE
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, enu_rotation
 
-__all__ = ["SIZE", "Moving", "Path", "Stage", "staged", "step_below"]
+__all__ = [
+    "COLOURS",
+    "PLATFORM",
+    "SIGHT",
+    "SIZE",
+    "TARGET",
+    "Colour",
+    "Moving",
+    "Path",
+    "Stage",
+    "staged",
+    "step_below",
+]
 
 Array = NDArray[np.float64]
 Colour = tuple[float, float, float]
@@ -25,16 +37,16 @@ _MARK = SIZE / 100  # half the size of a platform
 _SEEN = SIZE / 40  # as large as the median error is drawn
 _FLAT = 0.01  # of the longest semi-axis: how thin an ellipsoid is drawn at least, for the lamp's sake
 # Okabe and Ito, *Color universal design* (2008)
-_COLOURS: tuple[Colour, ...] = (
+COLOURS: tuple[Colour, ...] = (
     (0.0, 0.447, 0.698),
     (0.0, 0.62, 0.451),
     (0.8, 0.475, 0.655),
     (0.902, 0.624, 0.0),
     (0.337, 0.706, 0.914),
 )
-_TARGET: Colour = (0.835, 0.369, 0.0)
-_PLATFORM: Colour = (0.15, 0.15, 0.15)
-_SIGHT: Colour = (0.45, 0.45, 0.45)
+TARGET: Colour = (0.835, 0.369, 0.0)
+PLATFORM: Colour = (0.15, 0.15, 0.15)
+SIGHT: Colour = (0.45, 0.45, 0.45)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +153,8 @@ def staged(scene: Scene, magnify: float | None = None) -> Stage:
     UserError
         If there are more estimators than colours that can be told apart.
     """
-    if len(scene.estimates) > len(_COLOURS):
-        raise UserError(f"--estimator: {len(scene.estimates)} of them are not allowed; at most {len(_COLOURS)}")
+    if len(scene.estimates) > len(COLOURS):
+        raise UserError(f"--estimator: {len(scene.estimates)} of them are not allowed; at most {len(COLOURS)}")
     origin, axes = _middle(scene)
     tracks = [scene.target.places, *(track.places for track in scene.platforms)]
     far = max(1.0, *(float(np.nanmax(np.linalg.norm(places - origin, axis=-1))) for places in tracks))
@@ -151,11 +163,11 @@ def staged(scene: Scene, magnify: float | None = None) -> Stage:
     for track in (*scene.platforms, scene.target):
         _track(stage, track)
     for place, one in enumerate(scene.estimates):
-        _estimate(stage, scene, one, _COLOURS[place % len(_COLOURS)])
+        _estimate(stage, scene, one, COLOURS[place % len(COLOURS)])
     for track in scene.platforms:
         _sight(stage, scene, track)
     if scene.platforms:
-        stage.legend.append(("line of sight", _SIGHT))
+        stage.legend.append(("line of sight", SIGHT))
     _ground(stage, scene, far)
     return stage
 
@@ -196,7 +208,7 @@ def _magnified(scene: Scene, unit: float) -> float:
 def _track(stage: Stage, track: Track) -> None:
     """Put on the stage what is known to be somewhere, and where it goes."""
     target = track.kind == "target"
-    colour, size = (_TARGET, 1.2 * _MARK) if target else (_PLATFORM, _MARK)
+    colour, size = (TARGET, 1.2 * _MARK) if target else (PLATFORM, _MARK)
     places, path = stage.placed(track.places), f"{track.kind}s/{_word(track.name)}"
     shape = "box" if track.kind == "station" else "sphere"
     stage.moving.append(Moving(f"{path}/mark", shape, colour, 1.0, places, np.full(3, size)))
@@ -239,7 +251,7 @@ def _sight(stage: Stage, scene: Scene, track: Track) -> None:
     start = np.where(hidden[:, None], np.nan, start)
     sizes = np.stack([np.ones_like(length), np.ones_like(length), length], axis=-1)
     path = f"lines_of_sight/{_word(track.name)}"
-    stage.moving.append(Moving(path, "segment", _SIGHT, 1.0, start, sizes, _pointing(along)))
+    stage.moving.append(Moving(path, "segment", SIGHT, 1.0, start, sizes, _pointing(along)))
 
 
 def _pointing(along: Array) -> Array:

@@ -16,7 +16,7 @@ from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION, check_version, upgraded
 from quietfix.diagrams.studies.store import check_store
 
-__all__ = ["find_store", "open_result", "times_of", "write_summary"]
+__all__ = ["find_store", "open_result", "summary_of", "times_of", "write_summary"]
 
 
 def find_store(path: Path | str) -> Path:
@@ -73,10 +73,19 @@ def write_summary(
     report: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Write ``summary.json`` and return what is in it; `report`: what a recording tells beside it."""
+    summary = summary_of(dataset, estimators, began, report)
+    path.write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return summary
+
+
+def summary_of(
+    dataset: xr.Dataset, estimators: dict[str, Any], began: float, report: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return what ``summary.json`` holds: what was run, and numbers at every epoch by estimator."""
     told = dict(report or {})
     for name, numbers in told.pop("estimators", {}).items():
         estimators[name] |= numbers
-    summary = {
+    return {
         "schema_version": SCHEMA_VERSION,
         "system": dataset.attrs["system"],
         "variant": dataset.attrs["variant"] or None,
@@ -89,8 +98,6 @@ def write_summary(
         "estimators": estimators,
         **told,
     }
-    path.write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    return summary
 
 
 def times_of(values: Any) -> Any:

@@ -13,17 +13,14 @@ from quietfix.diagrams.statistics.epochs import along, from_the_end
 from quietfix.diagrams.statistics.lost import recovery_lines
 from quietfix.diagrams.studies.starting import why_not_started
 
-__all__ = ["summary_notes", "summary_table"]
+__all__ = ["end_of_each_track", "summary_notes", "summary_table"]
 
 
 def summary_table(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> Table:
     """Return the table of a study: one row per estimator."""
     tracks = along(dataset) == "epoch"
     if tracks:  # they have no time in common, but each has an end
-        from quietfix.diagrams.statistics.metrics import summarise
-
-        dataset = from_the_end(dataset)
-        estimators = summarise(dataset)
+        dataset, estimators = _counted_back(dataset)
     times = dataset["time"].values
     shares = (1.0,) if tracks else (1 / 15, 1 / 3, 2 / 3, 1.0)
     picks = sorted({int(np.argmin(np.abs(times - share * times[-1]))) for share in shares})
@@ -54,6 +51,25 @@ def summary_table(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> Table:
             lost(row["diverged"], row["not_started"], row.get("lost")),
         )
     return table
+
+
+def _counted_back(dataset: xr.Dataset) -> tuple[xr.Dataset, dict[str, Any]]:
+    """Return a result of tracks with epochs counted from their ends, and the numbers of it."""
+    from quietfix.diagrams.statistics.metrics import summarise
+
+    dataset = from_the_end(dataset)
+    return dataset, summarise(dataset)
+
+
+def end_of_each_track(dataset: xr.Dataset) -> dict[str, Any] | None:
+    """Return by estimator the numbers at the last epoch of each track; None where all trials have the same epochs."""
+    if along(dataset) != "epoch":
+        return None
+    _, estimators = _counted_back(dataset)
+    return {
+        name: {key: value[-1] if isinstance(value, list) and value else value for key, value in row.items()}
+        for name, row in estimators.items()
+    }
 
 
 def summary_notes(dataset: xr.Dataset, estimators: Mapping[str, Any]) -> list[str]:

@@ -8,8 +8,9 @@ from typing import Any
 
 from quietfix.diagrams.assembly.find import Found, find
 from quietfix.diagrams.commands.judging.compared import Comparing, compared
+from quietfix.diagrams.console.answer import asked_for_json, tell
 from quietfix.diagrams.console.tables import print_table
-from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.console.terminal import done, say
 from quietfix.diagrams.experiments.compare import prepare
 from quietfix.diagrams.experiments.comparison import check_at
 from quietfix.diagrams.scale.crew import Crew
@@ -53,17 +54,18 @@ def compare_command(
         for _, study, _ in prepared:
             check_at(study, at)
         work = [Comparing(study, chosen, at, folders[name], overwrite, resume) for name, study, chosen in prepared]
-        done = []
+        results = []
         for one in compared(work, crew):
-            done.append(one.found)
-            if format_ == "table":
+            results.append(one.found if one.out is None else one.found | {"folder": str(one.out)})
+            if format_ == "table" and not asked_for_json():
                 print_table(comparison_table(one.found))
                 for line in comparison_notes(one.found):
                     say(line)
                 if one.out is not None and one.wrote:
-                    print(f"wrote {one.out}: comparison.json, results.zarr, summary.json, figures")
-    if format_ == "markdown":
-        print(comparison_markdown(done), end="")
+                    done(f"wrote {one.out}: comparison.json, results.zarr, summary.json, figures")
+    tell(comparisons=results)
+    if format_ == "markdown" and not asked_for_json():
+        print(comparison_markdown(results), end="")
 
 
 def _folders(systems: Sequence[Found], out: Path | None) -> dict[str, Path | None]:

@@ -11,8 +11,9 @@ from typing import Any
 
 import xarray as xr
 
+from quietfix.diagrams.console.answer import tell
 from quietfix.diagrams.console.tables import print_table
-from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.console.terminal import done, say
 from quietfix.diagrams.experiments.sweep import Sweep, sweep_statistics
 from quietfix.diagrams.scale.crew import Crew
 from quietfix.diagrams.scale.resuming import begun_or_interrupted, earlier, keeping, say_left
@@ -41,11 +42,11 @@ def sweep_command(
         planned = Sweep(system, vary, **options)
         if out is None:
             found = sweep_statistics(xr.concat(list(planned.points(crew.run)), "point", combine_attrs="override"))
-            print_table(sweep_table(found))
-            say(sweep_legend(found))
+            _print(found)
             return
         if resume is not None and _is_finished(out, planned):
-            print(f"{out} is finished: nothing is left to run")
+            say(f"{out} is finished: nothing is left to run")
+            tell(**json.loads((out / "sweep.json").read_text(encoding="utf-8")), folder=str(out))
             return
         try:
             found = _run_into(
@@ -53,9 +54,15 @@ def sweep_command(
             )
         except Finished:
             return
+    _print(found)
+    tell(folder=str(out))
+    done(f"wrote {out}: sweep.json, results.zarr, sweep.png ({time.monotonic() - began:.1f} s)")
+
+
+def _print(found: dict[str, Any]) -> None:
+    tell(**found)
     print_table(sweep_table(found))
     say(sweep_legend(found))
-    print(f"wrote {out}: sweep.json, results.zarr, sweep.png ({time.monotonic() - began:.1f} s)")
 
 
 def _run_into(planned: Sweep, folder: OutputFolder, crew: Crew) -> dict[str, Any]:

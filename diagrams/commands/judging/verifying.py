@@ -8,8 +8,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from quietfix.diagrams.console.answer import tell
 from quietfix.diagrams.console.tables import print_table
-from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.console.terminal import done, say
 from quietfix.diagrams.figures.style import save
 from quietfix.diagrams.figures.verification import VerdictRow, draw_verification
 from quietfix.diagrams.scale.crew import Crew
@@ -40,7 +41,8 @@ def verify_command(
         verification = Verification(file, **options, runner=crew.run)
         verification.build()
         if resume is not None and out is not None and (status := _finished(out, verification)) is not None:
-            print(f"{out} is finished: nothing is left to run")
+            say(f"{out} is finished: nothing is left to run")
+            tell(**json.loads((out / "verification.json").read_text(encoding="utf-8")), folder=str(out))
             return status
         if out is None:
             report = verification.report()
@@ -51,7 +53,8 @@ def verify_command(
                 return _finished(out, verification) or 0
     print_report(report)
     if out is not None:
-        print(f"wrote {out}: verification.json, verification.png")
+        tell(folder=str(out))
+        done(f"wrote {out}: verification.json, verification.png")
     return report.status
 
 
@@ -119,5 +122,6 @@ def _title(report: Report) -> str:
 def print_report(report: Report) -> None:
     """Print a table of a report: one row per requirement."""
     told = json.loads(report.as_json())
+    tell(**told)
     print_table(verification_table(told))
-    print(verification_counts(told))
+    done(verification_counts(told))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from quietfix.diagrams.chunks.plan import differences
 from quietfix.diagrams.commands.results.difference import MANY, compared
 from quietfix.diagrams.commands.results.opened import Opened, chosen, opened, reading
 from quietfix.diagrams.commands.results.trials import Ends, ends_of, of_a_sweep
+from quietfix.diagrams.console.answer import asked_for_json, tell
 from quietfix.diagrams.console.tables import Column, Styled, Table, lost, print_table, three_digits, with_interval
 from quietfix.diagrams.console.terminal import say
 from quietfix.diagrams.experiments.summary_entries import nearest_epoch
@@ -26,7 +26,7 @@ _CONFIDENCE = 0.95
 _APART = ("schema_version", "note", "trials", "chunk")  # attributes that are said elsewhere, or of no interest
 
 
-def diff_command(a: Path, b: Path, at: float | None, estimators: Sequence[str] | None, as_json: bool) -> None:
+def diff_command(a: Path, b: Path, at: float | None, estimators: Sequence[str] | None) -> None:
     """Compare two results; see ``quietfix diff --help``."""
     first, second = opened(a, "diff"), opened(b, "diff")
     if first.sweeps != second.sweeps:
@@ -48,8 +48,8 @@ def diff_command(a: Path, b: Path, at: float | None, estimators: Sequence[str] |
         "asked": [{"field": key, "a": was, "b": now} for key, was, now in _asked(first, second)],
         **found,
     }
-    if as_json:
-        print(json.dumps(told, indent=1, allow_nan=False))
+    tell(**told)
+    if asked_for_json():
         return
     print_table(_table(first, second, told))
     for line in _notes(told):

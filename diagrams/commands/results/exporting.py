@@ -16,6 +16,8 @@ import pyarrow.parquet as parquet
 import xarray as xr
 
 from quietfix.diagrams.commands.results.opened import Opened, opened, reading
+from quietfix.diagrams.console.answer import tell
+from quietfix.diagrams.console.terminal import done
 from quietfix.diagrams.quantities.frame import UNITS
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.statistics.epochs import along
@@ -31,7 +33,7 @@ _ROWS = 200_000  # of the table at once
 _FIRST = ("truth", "estimate", "nees", "nis", "nis_dof", "position_error")  # of the columns; the others by their names
 
 
-def export_command(path: Path, file: Path, overwrite: bool, as_json: bool) -> None:
+def export_command(path: Path, file: Path, overwrite: bool) -> None:
     """Write a result in another format; see ``quietfix export --help``."""
     kind = file.suffix.lower()
     if kind not in _FORMATS:
@@ -41,11 +43,9 @@ def export_command(path: Path, file: Path, overwrite: bool, as_json: bool) -> No
     result = opened(path, "export")
     with written_beside(file) as beside, reading(path, "export"):
         told = _netcdf(result, beside) if kind == ".nc" else _table(result, beside, kind)
-    if as_json:
-        print(json.dumps({"file": str(file), **told}, indent=1))
-        return
+    tell(file=str(file), **told)
     size = f"{told['rows']} rows of {len(told['columns'])} columns" if "rows" in told else ", ".join(told["variables"])
-    print(f"wrote {file}: {size}")
+    done(f"wrote {file}: {size}")
 
 
 # ---------------------------------------------------------------------------------------------------- NetCDF

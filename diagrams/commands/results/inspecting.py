@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from quietfix.diagrams.commands.results.opened import Opened, chosen, opened, reading
 from quietfix.diagrams.commands.results.trials import course_of, ends_of, of_a_sweep, told_of
+from quietfix.diagrams.console.answer import asked_for_json, tell
 from quietfix.diagrams.console.tables import Column, Table, lost, print_table, three_digits
 from quietfix.diagrams.console.terminal import say
 from quietfix.diagrams.schema.errors import UserError
@@ -21,7 +21,7 @@ __all__ = ["inspect_command"]
 _EPOCHS = 12  # rows of a course; --json has all
 
 
-def inspect_command(path: Path, worst: int, trial: int | None, estimators: Sequence[str] | None, as_json: bool) -> None:
+def inspect_command(path: Path, worst: int, trial: int | None, estimators: Sequence[str] | None) -> None:
     """Show trials of a result; see ``quietfix inspect --help``."""
     if worst < 1:
         raise UserError(f"--worst: {worst} is not allowed; a whole number >= 1")
@@ -33,8 +33,8 @@ def inspect_command(path: Path, worst: int, trial: int | None, estimators: Seque
             found = _sweep(result, names, worst, place)
         else:
             found = _worst(result, names, worst) if place is None else _course(result, names, place)
-    if as_json:
-        print(json.dumps(_head(result) | found, indent=1, allow_nan=False))
+    tell(**_head(result), **found)
+    if asked_for_json():  # states and reasons are in the rows
         return
     print_table(_table(result, found) if place is None or result.sweeps else _course_table(result, found))
     for line in _reasons(found):

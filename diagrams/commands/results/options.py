@@ -13,7 +13,6 @@ __all__ = ["diff", "export", "inspect", "plot"]
 
 _RESULT = typer.Argument(metavar="RESULT", help="Folder of a run, compare, sweep or replay.", show_default=False)
 _ONLY = typer.Option("--estimator", metavar="NAME", help="Only this one. Repeatable.  [default: all]")
-_JSON = typer.Option("--json", help="Print JSON instead, with the numbers of the table.")
 
 
 def inspect(
@@ -23,12 +22,11 @@ def inspect(
         int | None, typer.Option(parser=whole, metavar="N", help="Only this trial, with its course over time.")
     ] = None,
     estimators: Annotated[list[str] | None, _ONLY] = None,
-    as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Show the worst trials of a result, or one: errors, NEES, whether it is lost or never started, and why."""
     from quietfix.diagrams.commands.results.inspecting import inspect_command
 
-    inspect_command(result, worst, trial, estimators, as_json)
+    inspect_command(result, worst, trial, estimators)
 
 
 def plot(
@@ -40,12 +38,11 @@ def plot(
     trust: Annotated[
         bool, typer.Option("--trust", help="Import the system and the classes that the result names, for its diagram.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print which figures are drawn as JSON.")] = False,
 ) -> None:
     """Draw the figures of a result again, as they were when it was made."""
     from quietfix.diagrams.commands.results.plotting import plot_command
 
-    plot_command(result, out, overwrite, trust, as_json)
+    plot_command(result, out, overwrite, trust)
 
 
 def diff(
@@ -55,12 +52,11 @@ def diff(
         float | None, typer.Option(parser=number, metavar="T", help="Errors at this time [s].  [default: the end]")
     ] = None,
     estimators: Annotated[list[str] | None, _ONLY] = None,
-    as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Say how two results differ: what was asked, and errors with intervals, trial by trial where seeds are equal."""
     from quietfix.diagrams.commands.results.differing import diff_command
 
-    diff_command(a, b, at, estimators, as_json)
+    diff_command(a, b, at, estimators)
 
 
 def export(
@@ -69,9 +65,8 @@ def export(
         Path, typer.Argument(metavar="FILE", help="Its name ends in .nc, .csv or .parquet.", show_default=False)
     ],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print what is written as JSON.")] = False,
 ) -> None:
     """Write a result as NetCDF, or as a table in CSV or Parquet: a row for each estimator, trial and epoch."""
     from quietfix.diagrams.commands.results.exporting import export_command
 
-    export_command(result, file, overwrite, as_json)
+    export_command(result, file, overwrite)

@@ -9,14 +9,15 @@ from typing import Any
 
 from quietfix.diagrams.commands.results.drawn import draw_diagram
 from quietfix.diagrams.commands.results.opened import Opened, opened, reading
-from quietfix.diagrams.console.terminal import say
+from quietfix.diagrams.console.answer import tell
+from quietfix.diagrams.console.terminal import done
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.studies.output import OutputFolder
 
 __all__ = ["plot_command"]
 
 
-def plot_command(path: Path, out: Path | None, overwrite: bool, trust: bool, as_json: bool) -> None:
+def plot_command(path: Path, out: Path | None, overwrite: bool, trust: bool) -> None:
     """Draw figures again; see ``quietfix plot --help``."""
     result = opened(path, "plot")
     beside = Path(f"{result.folder.name}-figures")
@@ -28,12 +29,10 @@ def plot_command(path: Path, out: Path | None, overwrite: bool, trust: bool, as_
         if not drawn:
             raise UserError(f"plot: {path} has nothing that can be drawn")
         folder.finish()
-    if as_json:
-        print(json.dumps({"folder": str(folder_name), "figures": drawn, "left_out": left_out}, indent=1))
-        return
+    tell(folder=str(folder_name), figures=drawn, left_out=left_out)
     for name, why in left_out.items():
-        say(f"{name} left out: {why}")
-    print(f"wrote {folder_name}: {', '.join(drawn)}")
+        done(f"{name} left out: {why}")
+    done(f"wrote {folder_name}: {', '.join(drawn)}")
 
 
 def _sweep(result: Opened, folder: Path) -> dict[str, str]:
