@@ -31,7 +31,8 @@ def _slack(time: float) -> float:
 
 def same_instant(time: float, other: float) -> bool:
     """Return whether two times [s] differ by no more than rounding."""
-    return time == other or abs(time - other) <= _slack(time)
+    apart = abs(time - other)
+    return apart <= _ROUNDING or apart <= _ROUNDING * abs(time)  # of every step, so without a call
 
 
 class Clock(Protocol):
@@ -131,8 +132,10 @@ class Times:
         for stamp in self._stamps:
             how(_NEVER_AGAIN, float(stamp))
 
-    def index(self, time: float) -> int | None:
-        """See `Clock.index`."""
+    def index(self, time: float, last: int | None = None) -> int | None:
+        """See `Clock.index`; `last` is the tick before, where that is known."""
+        if last is not None and last + 1 < len(self._sought) and self._sought[last + 1] == time:
+            return last + 1
         return _find(self._sought, time)
 
     def ticks(self, end: float) -> NDArray[np.float64]:

@@ -26,6 +26,7 @@ class Log:
     def __init__(self, names: list[str]) -> None:
         self.times: list[float] = []
         self.values: dict[str, list[NDArray[np.float64]]] = {name: [] for name in names}
+        self.columns = list(self.values.values())
 
     def __deepcopy__(self, memo: object) -> Log:
         """Return an empty log: a cloned context records its own run."""
@@ -66,12 +67,12 @@ class Recorder(EnsembleBlock):
         return log
 
     def _publish(self, context: Context) -> None:
-        log = self._log_of(context)
+        log: Log = context.get_abstract_parameter(self._log).get_value()
         time = context.get_time()
         if log.times and same_instant(time, log.times[-1]):  # two merged clocks ticked together
             return
         log.times.append(time)
-        for index, values in zip(self._ports, log.values.values(), strict=True):
+        for index, values in zip(self._ports, log.columns, strict=True):
             value = self.EvalVectorInput(context, index)
             if value is None:  # not connected: the port says so
                 self.get_input_port(index).Eval(context)

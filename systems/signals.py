@@ -217,12 +217,16 @@ class EnsembleBlock(LeafSystem):
 
     def read(self, context: Context, name: str, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
         """Return the value of input port `name` as an array (trials, size), or of another `shape` of as many."""
-        index, plain = self._inputs[name]
+        return self.read_flat(context, name).reshape(shape or self._inputs[name][1])
+
+    def read_flat(self, context: Context, name: str) -> NDArray[np.float64]:
+        """Return the value of input port `name` as it comes, one number after the other."""
+        index = self._inputs[name][0]
         # by its index and not by way of the port: a fifth of what a small block costs is looking up its ports
         value = self.EvalVectorInput(context, index)
         if value is None:  # not connected: the port says so
-            return self.get_input_port(index).Eval(context).reshape(shape or plain)
-        return value.CopyToVector().reshape(shape or plain)
+            return np.asarray(self.get_input_port(index).Eval(context))
+        return value.CopyToVector()
 
     def read_abstract(self, context: Context, name: str) -> Any:
         """Return the object on input port `name`.

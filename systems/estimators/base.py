@@ -18,12 +18,11 @@ from pydrake.systems.framework import Context, DiscreteValues
 
 from quietfix.systems.clocks import at_ticks, same_instant
 from quietfix.systems.counting import tally
-from quietfix.systems.estimators.memory import TO_COME, Epoch, Innovation, Memory, Now, Remembered
+from quietfix.systems.estimators.memory import TO_COME, Epoch, Innovation, Layout, Memory, Now, Remembered, Whole
 from quietfix.systems.estimators.shown import Shown
 from quietfix.systems.estimators.watching import Watching
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.observation import Observation
-from quietfix.systems.filters.recovery.surprise import surprise
 from quietfix.systems.filters.whitening import Whitener, unknown_rows
 from quietfix.systems.linear_algebra import all_finite
 from quietfix.systems.measurement.base import MeasurementModel
@@ -192,6 +191,8 @@ class Estimator(Watching):
         self._everyone = np.ones(trials, dtype=bool)
         self._everyone.setflags(write=False)
         self._all_begun = self._everyone.astype(float).tobytes()
+        self._layout = Layout(self._groups, self._reported, self._watched, self._everyone)
+        self._steps_at_once: bool | None = None  # not known yet
 
         now = {self.xd_ticket(), self.time_ticket(), draw}
         self._prior = self.declare_cached("prior", type(self)._calc_prior, now)
@@ -199,8 +200,8 @@ class Estimator(Watching):
         self._posterior = self.declare_cached("posterior", type(self)._calc_posterior, {*now, *inputs})
         before, after = {self.cached_ticket(self._prior)}, {self.cached_ticket(self._posterior)}
         rows, shown = components_of(self.model), Shown(self.motion)
-        shown.declare(self, trials, self.posterior_moments, after, ("estimate", "covariance"))
-        shown.declare(self, trials, self._prior_moments, before, ("prediction", "prediction_covariance"))
+        shown.declare(self, trials, self._posterior_moment, after, ("estimate", "covariance"))
+        shown.declare(self, trials, self._prior_moment, before, ("prediction", "prediction_covariance"))
         shown.declare_biases(self, trials, self.posterior_moments, after)
         self.declare_output("innovation", trials, m, lambda c: self._updated(c).innovation.value, after, rows)
         self.declare_output("nis", trials, 1, lambda c: self._updated(c).innovation.nis, after)
@@ -229,15 +230,18 @@ class Estimator(Watching):
         """Return mean and covariance with the measurement of now."""
         return self._updated(context).moments(self.moments)
 
+    def _posterior_moment(self, context: Context, which: int) -> Array:
+        return self._updated(context).moment(which, self.moments)
+
     @property
     def posterior_ticket(self) -> Any:
         """What a port depends on that is made from `posterior_memory` or `posterior_moments`."""
         return self.cached_ticket(self._posterior)
 
-    def _prior_moments(self, context: Context) -> tuple[Array, Array]:
+    def _prior_moment(self, context: Context, which: int) -> Array:
         self._prior_is_read = True
         remembered: Remembered = self.cached(context, self._prior)
-        return remembered.moments(self.moments)
+        return remembered.moment(which, self.moments)
 
     def _calc_prior(self, context: Context) -> Remembered:
         """Return the memory predicted for now, or what is stored where the measurement of now is in it."""
@@ -253,6 +257,7 @@ class Estimator(Watching):
         now, stamp = epoch.time, state.item(-2)
         watch = state[self._watched].reshape(2, -1)
         if same_instant(now, stamp):
+            state[-2] = now
             return Remembered(memory, self._reported, started, bool(state[-1]), now, watch, state)
         if now > stamp:
             memory = self.predict(memory, now - stamp, epoch)
@@ -278,6 +283,8 @@ class Estimator(Watching):
     def _calc_posterior(self, context: Context) -> Remembered:
         """Return memory, innovation and which trials have started, after the measurement of now."""
         tally("posterior", self)
+        if self._steps_at_once is None:
+            self._steps_at_once = self.prepare_steps_at_once()
         if self._steps_at_once and not self._prior_is_read and (whole := self._stepped(context)) is not None:
             return whole
         epoch = self._epoch(context)
@@ -320,26 +327,23 @@ class Estimator(Watching):
         """Return what `_calc_posterior` does, made in one go where all is as it usually is; else None."""
         state = context.get_discrete_state(self._state).CopyToVector()
         now, stamp = context.get_time(), state.item(-2)
-        if now <= stamp or same_instant(now, stamp) or state[self._started].tobytes() != self._all_begun:
+        if now <= stamp or same_instant(now, stamp):
             return None
-        told = self.read(context, "measurement")[:, self._rows], self._read_platforms(context)
-        if not all_finite(told[0]) or not self.step_at_once(state, now - stamp, *told):
+        told = self.read_flat(context, "measurement"), self.read_flat(context, "platforms")
+        if not self.step_at_once(state, now - stamp, now, *told):
             return None
         tally("prior", self)
-        memory = {group: state[place].reshape(shape) for group, place, shape in self._groups}
-        watch = state[self._watched].reshape(2, -1)
-        surprise(state[self._reported[1]], state[self._reported[2]], watch[0])
-        return Remembered(memory, self._reported, self._everyone, True, now, watch, state)
+        return Whole(state, self._layout, now)
 
-    @property
-    def _steps_at_once(self) -> bool:
-        """Whether `step_at_once` is worth a try."""
+    def prepare_steps_at_once(self) -> bool:
+        """Return whether `step_at_once` is worth a try; asked once, before the first."""
         return False
 
-    def step_at_once(self, state: Array, dt: float, measurement: Array, platforms: Array) -> bool:
-        """Make of the block's state, in place, that of `dt` seconds later with a measurement that is complete.
+    def step_at_once(self, state: Array, dt: float, now: float, stream: Array, platforms: Array) -> bool:
+        """Make of the block's state, in place, that of `now`, `dt` seconds later, with what its ports carry.
 
-        Return False, whatever has become of the state, where the way by `predict` and `update` is to be gone.
+        Return False, whatever has become of the state, where the way by `predict` and `update` is to be gone: where
+        not all trials have started, or something is missing.
         """
         return False
 
@@ -385,9 +389,7 @@ class Estimator(Watching):
     def _store(self, context: Context, discrete: DiscreteValues) -> None:
         updated = self._updated(context)
         if updated.state is not None:
-            state = discrete.get_mutable_value(self._state)
-            state[:] = updated.state
-            state[-2:] = updated.time, 1.0
+            discrete.set_value(self._state, updated.state)
             return
         told = updated.memory, updated.innovation, updated.started, updated.time
         self._write(discrete, *told, used=True, watch=updated.watch)

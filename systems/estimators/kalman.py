@@ -12,12 +12,11 @@ from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.considered import ConsideredStates
 from quietfix.systems.filters.gaussian import GaussianFilter
-from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 from quietfix.systems.filters.observation import Observation
+from quietfix.systems.filters.recovery.surprise import RULE
 from quietfix.systems.filters.robust import StudentRows
 from quietfix.systems.kernels.equations import program
-from quietfix.systems.kernels.updating import fit
-from quietfix.systems.kernels.whole.stepping import linear
+from quietfix.systems.kernels.whole.stepping import Linear, Ports
 from quietfix.systems.linear_algebra import all_finite
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
@@ -63,8 +62,9 @@ class KalmanEstimator(Estimator):
             algorithm = StudentRows(algorithm, wiring.tails.freedom, tailed)
         self.algorithm = ConsideredStates(algorithm, motion.considered) if motion.considered else algorithm
         self.considered = len(motion.considered)
-        self._whole: bool | None = None
+        self._linear: Linear | None = None
         super().__init__(name, model, motion, start, wiring)
+        self._size = wiring.trials * motion.size
 
     def memory_sizes(self) -> Mapping[str, int]:
         """See `Estimator.memory_sizes`."""
@@ -114,30 +114,25 @@ class KalmanEstimator(Estimator):
         """Whether it remembers what its filter knows, and predicts by it, and nothing else."""
         return all(getattr(type(self), name) is getattr(KalmanEstimator, name) for name in ("predict", "moments"))
 
-    @property
-    def _steps_at_once(self) -> bool:
-        """Whether prediction and update are both those that one compiled call makes."""
-        if self._whole is None:
-            kind, algorithm, motion = type(self), self.algorithm, self.motion
-            plain = all(getattr(kind, name) is getattr(KalmanEstimator, name) for name in _STEP)
-            filters = type(algorithm).update is IteratedExtendedKalman.update
-            filters = filters and type(algorithm).predict is GaussianFilter.predict
-            moves = motion.linear and not motion.input_size and type(motion).equations is MotionModel.equations
-            plain = plain and not self.wiring.noise_port
-            self._whole = plain and filters and moves and program(self.model) is not None
-        return self._whole
+    def prepare_steps_at_once(self) -> bool:
+        """See `Estimator.prepare_steps_at_once`: where prediction and update are those of one compiled call."""
+        kind, motion, wiring, n = type(self), self.motion, self.wiring, self.motion.size
+        plain = all(getattr(kind, name) is getattr(KalmanEstimator, name) for name in _STEP)
+        moves = motion.linear and not motion.input_size and type(motion).equations is MotionModel.equations
+        rule = self.algorithm.whole_update(n)
+        if not (plain and moves) or wiring.noise_port or rule is None or self.considered:
+            return False
+        compiled = program(self.model)
+        if compiled is None:
+            return False
+        rows = [list(wiring.stream).index(row) for row in self.model.names]
+        ports = Ports(wiring.trials, wiring.platform_trials, wiring.platforms, rows)
+        self._linear = Linear(*rule, compiled, n, self._whitener.covariance, ports, RULE)
+        return True
 
-    def step_at_once(self, state: Array, dt: float, measurement: Array, platforms: Array) -> bool:
+    def step_at_once(self, state: Array, dt: float, now: float, stream: Array, platforms: Array) -> bool:
         """See `Estimator.step_at_once`."""
-        compiled, algorithm = program(self.model), self.algorithm
-        trials, n = measurement.shape[0], self.motion.size
-        size = trials * n
-        if compiled is None or not isinstance(algorithm, IteratedExtendedKalman):
-            return False
-        if not all_finite(state[: size + size * n]):
-            return False
-        fit(compiled, n, platforms)
-        mean = state[:size].reshape(trials, n)
+        assert self._linear is not None
+        mean = state[: self._size].reshape(-1, self.motion.size)
         matrices = self.motion.transition(mean, dt), self.motion.process_noise(mean, dt)
-        rule = algorithm.max_iterations, algorithm.tolerance
-        return linear(state, matrices, measurement, platforms, self._whitener.covariance, compiled, rule)
+        return self._linear(state, now, matrices, stream, platforms)

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context
 from quietfix.systems.clocks import Clock
 from quietfix.systems.signals import Draw
 
-__all__ = ["TO_COME", "Epoch", "Innovation", "Memory", "Now", "Remembered"]
+__all__ = ["TO_COME", "Epoch", "Innovation", "Layout", "Memory", "Now", "Remembered", "Whole"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -142,3 +142,68 @@ class Remembered:
         if self._moments is None:
             self._moments = summarise(self.memory)
         return self._moments
+
+    def moment(self, which: int, summarise: Callable[[Memory], tuple[Array, Array]]) -> Array:
+        """Return the mean, 0, or the covariance, 1, in whatever shape."""
+        return self.moments(summarise)[which]
+
+
+class Layout(NamedTuple):
+    """What stands where in an estimator's discrete state.
+
+    Attributes
+    ----------
+    groups : list of (str, slice, (int, int))
+        Of the memory: name, place, trials and numbers of each; mean and covariance are the first.
+    reported : (slice, slice, slice)
+        The innovation, NIS and rows used.
+    watched : slice
+        See `Remembered`.
+    everyone : ndarray, shape (trials,)
+        All have started.
+    """
+
+    groups: list[tuple[str, slice, tuple[int, int]]]
+    reported: tuple[slice, slice, slice]
+    watched: slice
+    everyone: Mask
+
+
+class Whole(Remembered):
+    """What was made as a whole, as the block's next discrete state: taken apart when it is asked for."""
+
+    __slots__ = ("_apart", "_layout")
+
+    def __init__(self, state: Array, layout: Layout, time: float) -> None:
+        self.state = state
+        self._layout = layout
+        self._innovation = layout.reported
+        self.started = layout.everyone
+        self.current = True
+        self.time = time
+        self._moments = None
+        self._apart: Memory | None = None
+
+    def __deepcopy__(self, memo: object) -> Whole:
+        """Return a copy, for a clone of a context."""
+        assert self.state is not None
+        return Whole(self.state.copy(), self._layout, self.time)
+
+    def moment(self, which: int, summarise: Callable[[Memory], tuple[Array, Array]]) -> Array:
+        """See `Remembered.moment`."""
+        assert self.state is not None
+        return self.state[self._layout.groups[which][1]]
+
+    @property
+    def memory(self) -> Memory:  # type: ignore[override]
+        """See `Remembered`."""
+        if self._apart is None:
+            assert self.state is not None
+            self._apart = {group: self.state[place].reshape(shape) for group, place, shape in self._layout.groups}
+        return self._apart
+
+    @property
+    def watch(self) -> Array:  # type: ignore[override]
+        """See `Remembered`."""
+        assert self.state is not None
+        return self.state[self._layout.watched].reshape(2, -1)

@@ -16,6 +16,7 @@ __all__ = ["Shown"]
 
 Array = NDArray[np.float64]
 Moments = Callable[[Context], tuple[Array, Array]]
+Moment = Callable[[Context, int], Array]
 
 
 class Shown:
@@ -39,19 +40,20 @@ class Shown:
         self.states = components_of(motion.reported)
         self.biases = components_of(motion)[self.size :]
 
-    def declare(
-        self, block: EnsembleBlock, trials: int, moments: Moments, tickets: Any, names: tuple[str, str]
-    ) -> None:
-        """Declare output ports of the target's mean (trials, size) and covariance (trials, size, size)."""
-        n, whole = self.size, not self.biases
+    def declare(self, block: EnsembleBlock, trials: int, moment: Moment, tickets: Any, names: tuple[str, str]) -> None:
+        """Declare output ports of the target's mean (trials, size) and covariance (trials, size, size).
+
+        `moment` returns the mean, 0, or the covariance, 1, of the whole state.
+        """
+        n, k, whole = self.size, self.size + len(self.biases), not self.biases
 
         def mean(context: Context) -> Array:
-            found = moments(context)[0]
-            return found if whole else found[:, :n]
+            found = moment(context, 0)
+            return found if whole else found.reshape(trials, k)[:, :n]
 
         def covariance(context: Context) -> Array:
-            found = moments(context)[1]
-            return found if whole else found[:, :n, :n]
+            found = moment(context, 1)
+            return found if whole else found.reshape(trials, k, k)[:, :n, :n]
 
         block.declare_output(names[0], trials, n, mean, tickets, self.states)
         block.declare_output(names[1], trials, n * n, covariance, tickets)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.square_root import Posterior
 from quietfix.systems.kernels.equations import are_own
-from quietfix.systems.kernels.updating import by_kernel, by_matrix
+from quietfix.systems.kernels.updating import Update, by_kernel, by_matrix
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 
@@ -48,6 +48,14 @@ class GaussianFilter(ABC):
     def regress(self, mean: Array, covariance: Array, motion: MotionModel, dt: float) -> Regression:
         """Return what `predict` takes the step for, for a smoother; by default the motion's derivative at the mean."""
         return Regression(motion.propagate(mean, dt), motion.transition(mean, dt), motion.process_noise(mean, dt))
+
+    def whole_update(self, states: int) -> tuple[Update, Array] | None:
+        """Return the compiled update and its settings, for so many states.
+
+        None unless they are all that there is to `update` where the model has equations, and `predict` takes a linear
+        motion's matrices.
+        """
+        return None
 
     @abstractmethod
     def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:

@@ -14,7 +14,7 @@ from quietfix.systems.filters.gaussian import GaussianFilter
 from quietfix.systems.filters.observation import Observation, linearised, take
 from quietfix.systems.filters.square_root import Gains, Posterior, report
 from quietfix.systems.kernels.equations import program
-from quietfix.systems.kernels.updating import extended
+from quietfix.systems.kernels.updating import EXTENDED, Update, extended, settings
 from quietfix.systems.linear_algebra import cholesky
 from quietfix.systems.measurement.base import MeasurementModel
 
@@ -52,6 +52,13 @@ class IteratedExtendedKalman(GaussianFilter):
             raise ValueError(f"max_iterations: {self.max_iterations} is not allowed; a whole number >= 1")
         if not (math.isfinite(self.tolerance) and self.tolerance > 0):
             raise ValueError(f"tolerance: {self.tolerance} is not allowed; a finite number > 0")
+
+    def whole_update(self, states: int) -> tuple[Update, Array] | None:
+        """See `GaussianFilter.whole_update`."""
+        kind = type(self)
+        if kind.update is not IteratedExtendedKalman.update or kind.predict is not GaussianFilter.predict:
+            return None
+        return EXTENDED, settings(self.max_iterations, self.tolerance)
 
     def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:
         """See `GaussianFilter.update`."""

@@ -14,7 +14,8 @@ from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.square_root import Gains, Posterior, report
 from quietfix.systems.filters.whitening import missing_rows
 from quietfix.systems.kernels.equations import are_own, program
-from quietfix.systems.kernels.unscented.calls import predicted, updated
+from quietfix.systems.kernels.unscented.calls import UNSCENTED, predicted, updated
+from quietfix.systems.kernels.updating import Update, settings
 from quietfix.systems.linear_algebra import cholesky, inverse_lower, symmetric
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
@@ -100,6 +101,13 @@ class UnscentedKalman(GaussianFilter):
         omega = 2 * weight * (np.swapaxes(bends, -1, -2) @ bends) + centre * np.swapaxes(shift, -1, -2) * shift
         transition = np.swapaxes((plus - minus) / (2 * c), -1, -2) @ inverse_lower(root)
         return Regression((middle + shift)[..., 0, :], transition, omega + motion.process_noise(mean, dt))
+
+    def whole_update(self, states: int) -> tuple[Update, Array] | None:
+        """See `GaussianFilter.whole_update`."""
+        kind = type(self)
+        if kind.update is not UnscentedKalman.update or kind.predict is not UnscentedKalman.predict:
+            return None
+        return UNSCENTED, settings(*self._weights(states))
 
     def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:
         """See `GaussianFilter.update`."""

@@ -8,11 +8,25 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import types
+from numba.core import cgutils
+from numba.core.sigutils import normalize_signature
 from numba.extending import intrinsic
 
 from quietfix.systems.kernels.compiling import compiled, load
 
-__all__ = ["ARGUMENTS", "SIGNATURE", "address_of", "by_address", "call_kernel", "kernel", "known", "packaged"]
+__all__ = [
+    "ARGUMENTS",
+    "SIGNATURE",
+    "UPDATE",
+    "address_of",
+    "by_address",
+    "call_kernel",
+    "caller",
+    "entry",
+    "kernel",
+    "known",
+    "packaged",
+]
 
 ARGUMENTS = ("state", "platforms", "parameters", "value", "jacobian")
 SIGNATURE = types.void(
@@ -22,6 +36,12 @@ SIGNATURE = types.void(
     types.Array(types.float64, 1, "A"),
     types.Array(types.float64, 2, "A"),
 )
+UPDATE = (
+    "int64(float64[:,::1],float64[:,:,::1],float64[:,::1],float64[:,:,::1],float64[:,:,::1],"
+    "int64[:,::1],int64[::1],float64[::1],float64[::1],float64[::1],float64[::1],"
+    "float64[:,::1],float64[:,:,::1],float64[:,::1],float64[::1],float64[::1])"
+)
+"""Of every filter's update; see `quietfix.systems.kernels.extended.update`."""
 _kept: dict[Any, Any] = {}  # what an address was given of must stay
 
 
@@ -88,6 +108,12 @@ def address_of(function: Any) -> int:
     result = dispatcher.overloads[SIGNATURE.args]
     if result.signature.return_type != types.none:
         raise TypeError(f"kernel: {name} returns {result.signature.return_type}; it must return nothing")
+    return entry(dispatcher)
+
+
+def entry(dispatcher: Any) -> int:
+    """Return the address in this process of a `compiled` function that is loaded, for `by_address`."""
+    result = dispatcher.overloads[dispatcher.declared_types]
     return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
 
 
@@ -109,6 +135,32 @@ def by_address(signature: Any, given: tuple[Any, ...]) -> Any:
         return status.is_error
 
     return types.boolean(types.int64, *given), generate
+
+
+def caller(text: str) -> Any:
+    """Return what calls, from compiled code, a function of that signature: (its address, a tuple of its arguments).
+
+    Several functions are then called by the same code, and none is compiled anew into what calls it.
+    """
+    arguments, result = normalize_signature(text)
+
+    def call(typing: Any, address: Any, given: Any) -> Any:
+        def generate(context: Any, builder: Any, _: Any, args: Any) -> Any:
+            convention = context.call_conv
+            function = convention.get_function_type(result, arguments)
+            cast = [
+                context.cast(builder, builder.extract_value(args[1], k), own, declared)
+                for k, (own, declared) in enumerate(zip(given, arguments, strict=True))
+            ]
+            pointer = builder.inttoptr(args[0], function.as_pointer())
+            status, answer = convention.call_function(builder, pointer, result, arguments, cast)
+            with cgutils.if_unlikely(builder, status.is_error):
+                convention.return_status_propagate(builder, status)
+            return answer
+
+        return result(types.int64, given), generate
+
+    return intrinsic(call)
 
 
 def _call(typing: Any, address: Any, state: Any, platforms: Any, parameters: Any, value: Any, jacobian: Any) -> Any:

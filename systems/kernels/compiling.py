@@ -15,6 +15,7 @@ from typing import Any, cast
 
 import numba
 from numba.core import caching, config
+from numba.core.sigutils import normalize_signature
 
 from quietfix.systems.kernels.progress import noting_loading, say_compiled, say_compiling, say_uncached
 
@@ -61,6 +62,7 @@ def compiled(
         options = _ALWAYS if from_python else _INNER
         dispatcher = _njit(**options, _nrt=careful, boundscheck=careful)(function)
         dispatcher.declared = signature
+        dispatcher.declared_types = normalize_signature(signature)[0]
         dispatcher.kept_as = function, ""
         if apart:
             dispatcher._compiler._customize_flags = _apart

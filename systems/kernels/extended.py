@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from quietfix.systems.kernels.calling import UPDATE
 from quietfix.systems.kernels.compiling import compiled, inlined
 from quietfix.systems.kernels.gains import advance, correct, least, nothing, posterior_covariance, tell, whiten_rows
 from quietfix.systems.kernels.matrices import cholesky, copy
@@ -15,14 +16,8 @@ __all__ = ["RAISED", "update"]
 RAISED = 3
 """Beside what `whitening` returns: a kernel raised."""
 
-_SIGNATURE = (
-    "int64(float64[:,::1],float64[:,:,::1],float64[:,::1],float64[:,:,::1],float64[:,:,::1],"
-    "int64[:,::1],int64[::1],float64[::1],float64[::1],int64,float64,float64[::1],"
-    "float64[:,::1],float64[:,:,::1],float64[:,::1],float64[::1],float64[::1])"
-)
 
-
-@compiled(_SIGNATURE)
+@compiled(UPDATE)
 def update(
     mean: Any,
     covariance: Any,
@@ -33,8 +28,7 @@ def update(
     chosen: Any,
     parameters: Any,
     moduli: Any,
-    iterations: int,
-    tolerance: float,
+    settings: Any,
     space: Any,
     out_mean: Any,
     out_covariance: Any,
@@ -45,9 +39,11 @@ def update(
     """Update every trial; return 0, or what went wrong in which trial and part: (trial 256 + part) 16 + reason.
 
     Arguments as of `quietfix.systems.filters.gaussian.GaussianFilter.update`: `platforms` and `noise` hold one for all
-    trials or one for each; `space` is room to work in, `quietfix.systems.kernels.updating.workspace` numbers. A trial
-    whose prior is not finite becomes NaN.
+    trials or one for each; `settings` are how many linearisations there are at most, and the step below which there is
+    no more; `space` is room to work in, see `quietfix.systems.kernels.updating`. A trial whose prior is
+    not finite becomes NaN.
     """
+    iterations, tolerance = int(settings[0]), settings[1]
     trials, n = mean.shape
     m, full = chosen.shape[0], parts[parts.shape[0] - 1, 2]
     five, three, value, jacobian, squares, rows, weights = _rooms(space, n, m, full)

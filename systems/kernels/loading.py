@@ -6,7 +6,7 @@ import importlib
 from functools import cache
 from typing import Any
 
-__all__ = ["address", "address_over", "ready"]
+__all__ = ["address", "address_over", "entry", "ready"]
 
 
 @cache
@@ -18,6 +18,14 @@ def ready(name: str) -> Any:
     module, _, function = name.partition(":")
     compiling = importlib.import_module("quietfix.systems.kernels.compiling")
     return compiling.load(getattr(importlib.import_module(f"quietfix.systems.kernels.{module}"), function))
+
+
+@cache
+def entry(name: str) -> int:
+    """Return the address of a compiled function, ``module:function`` of this room, in this process."""
+    function = ready(name)
+    found: int = importlib.import_module("quietfix.systems.kernels.calling").entry(function)
+    return found
 
 
 @cache

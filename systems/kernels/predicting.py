@@ -8,7 +8,12 @@ from quietfix.systems.kernels.calling import call_kernel
 from quietfix.systems.kernels.compiling import compiled, inlined
 from quietfix.systems.kernels.matrices import times
 
-__all__ = ["by_kernel", "by_matrix"]
+__all__ = ["BY_MATRIX", "by_kernel", "by_matrix"]
+
+BY_MATRIX = (
+    "void(float64[:,::1],float64[:,:,::1],float64[:,:,::1],float64[:,:,::1],float64[:,::1],"
+    "float64[:,::1],float64[:,:,::1])"
+)
 
 
 @inlined
@@ -37,10 +42,7 @@ def _spread(t: int, covariance: Any, phi: Any, noise: Any, half: Any, out: Any) 
                 out[t, j, i] = both + noise[j, i] + total
 
 
-@compiled(
-    "void(float64[:,::1],float64[:,:,::1],float64[:,:,::1],float64[:,:,::1],float64[:,::1],"
-    "float64[:,::1],float64[:,:,::1])"
-)
+@compiled(BY_MATRIX)
 def by_matrix(mean: Any, covariance: Any, phi: Any, noise: Any, space: Any, out_mean: Any, out_covariance: Any) -> None:
     """Predict by transition matrices and noise, both (1 or trials, n, n); `space` is (n, n).
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,18 +13,58 @@ from quietfix.systems.kernels.equations import Program, Step
 from quietfix.systems.kernels.loading import ready
 from quietfix.systems.kernels.sharing import Parts, call
 
-__all__ = ["NO_INPUT", "by_kernel", "by_matrix", "by_update", "extended", "fit", "plain", "raised"]
+__all__ = [
+    "EXTENDED",
+    "NO_INPUT",
+    "Update",
+    "by_kernel",
+    "by_matrix",
+    "by_update",
+    "extended",
+    "fit",
+    "plain",
+    "raised",
+    "settings",
+]
 
 Array = NDArray[np.float64]
 
 NO_INPUT = np.zeros((1, 1, 1))
-_UPDATE = Parts((0, 1, 2, 3, 4, 12, 13, 14, 15, 16), 11, each=4.0, unit=4096)
 _BY_MATRIX = Parts((0, 1, 2, 3, 5, 6), 4, each=0.3)
 _BY_KERNEL = Parts((0, 1, 2, 7, 8), 6, each=3.0, unit=256, good=-1)
 _REASONS = {
     1: "the noise covariance must be finite in every row that is measured",
     2: "the noise covariance must be positive definite: rows are fully correlated",
 }
+
+
+class Update(NamedTuple):
+    """A filter's compiled update.
+
+    Attributes
+    ----------
+    name : str
+        ``module:function``, of the signature `quietfix.systems.kernels.calling.UPDATE`.
+    room : callable
+        Returns in how many numbers it works, from numbers of states, of measured rows and of rows of all kernels.
+    each : float
+        About how long a trial takes [us].
+    """
+
+    name: str
+    room: Callable[[int, int, int], int]
+    each: float
+
+    @property
+    def parts(self) -> Parts:
+        """How its arguments are cut into pieces of trials."""
+        return Parts((0, 1, 2, 3, 4, 11, 12, 13, 14, 15), 10, each=self.each, unit=4096)
+
+
+@lru_cache
+def settings(*numbers: float) -> Array:
+    """Return a filter's own numbers as its compiled update takes them."""
+    return np.array(numbers, dtype=float)
 
 
 def plain(array: Array) -> Array:
@@ -69,22 +111,16 @@ def extended(
     ValueError
         Where R is not positive definite, platforms are too few, or a user's kernel raised.
     """
-    size = workspace(mean.shape[-1], measurement.shape[-1], program.rows)
     given = mean, covariance, measurement, platforms, noise
-    return by_update("extended:update", _UPDATE, given, program, (iterations, tolerance), size)
+    return by_update(EXTENDED, given, program, settings(iterations, tolerance))
 
 
 def by_update(
-    name: str,
-    parts: Parts,
-    given: tuple[Array, Array, Array, Array, Array],
-    program: Program,
-    settings: tuple[float, ...],
-    size: int,
+    update: Update, given: tuple[Array, Array, Array, Array, Array], program: Program, own: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Return what the compiled update `name` makes of mean, covariance, measurement, platforms and noise.
+    """Return what a compiled update makes of mean, covariance, measurement, platforms and noise; see `extended`.
 
-    `settings` are the filter's own arguments, and it works in `size` numbers; see `extended`.
+    `own` are the filter's own `settings`.
     """
     mean, _, measurement, platforms, noise = given
     (trials, n), m = mean.shape, measurement.shape[-1]
@@ -94,15 +130,19 @@ def by_update(
     taken = [plain(array) for array in (*given[:4], noise)]
     out = np.empty((trials, n)), np.empty((trials, n, n)), np.empty((trials, m)), np.empty(trials), np.empty(trials)
     equations = program.parts, program.chosen, program.parameters, program.moduli
-    code = call(ready(name), (*taken, *equations, *settings, np.empty(size), *out), trials, parts)
+    space = np.empty(update.room(n, m, program.rows))
+    code = call(ready(update.name), (*taken, *equations, own, space, *out), trials, update.parts)
     if code:
         _fail(code, program, taken[0], taken[3])
     return out
 
 
-def workspace(n: int, m: int, rows: int) -> int:
-    """Return how many numbers `quietfix.systems.kernels.extended.update` works in, for n states and m rows."""
+def _room(n: int, m: int, rows: int) -> int:
     return 5 * n + 3 * m + rows * (n + 1) + 6 * n * n + m * n + 2 * m * m
+
+
+EXTENDED = Update("extended:update", _room, each=4.0)
+"""That of the extended and the iterated extended Kalman filter."""
 
 
 def _fail(code: int, program: Program, states: Array, platforms: Array) -> None:

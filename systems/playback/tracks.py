@@ -36,7 +36,7 @@ class Tracked(EnsembleBlock):
         self._tracks = list(tracks)
         # samples of two tracks that differ by rounding are one tick
         self.clock = Times(Merged(self._tracks).ticks(np.inf))
-        self._sought: tuple[int, float] = (0, -math.inf)
+        self._sought, self._sought_at = 0, -math.inf
         self._found: int | None = None
         self._track = self.DeclareNumericParameter(BasicVector([0.0]))
 
@@ -50,8 +50,9 @@ class Tracked(EnsembleBlock):
         # the parameter of a single track is 0: to look it up costs a third of playing a sample
         track = int(context.get_numeric_parameter(self._track).value()[0]) if len(self._tracks) > 1 else 0
         time = context.get_time()
-        if (track, time) != self._sought:  # the ports of a block are read one after the other
-            self._sought, self._found = (track, time), self._tracks[track].index(time)
+        if time != self._sought_at or track != self._sought:  # the ports of a block are read one after the other
+            self._found = self._tracks[track].index(time, self._found)
+            self._sought, self._sought_at = track, time
         return track, self._found
 
     def select(self, root_context: Context, track: int) -> float:

@@ -35,7 +35,7 @@ from scipy.stats import chi2
 
 from quietfix.systems.kernels.recovery.calls import follow
 
-__all__ = ["ALARM", "lasting", "surprise"]
+__all__ = ["ALARM", "RULE", "lasting", "surprise"]
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,8 @@ _EPOCHS, _FALSE_ALARMS = 1e4, 1e-3
 ALARM = math.log(_EPOCHS / _FALSE_ALARMS)
 """h: a sum above this says that the filter is lost."""
 
-_RULE = (0.5 * (1 - 1 / _LAMBDA), 0.5 * math.log(_LAMBDA), ALARM / 10, 2 * ALARM)
+RULE = (0.5 * (1 - 1 / _LAMBDA), 0.5 * math.log(_LAMBDA), ALARM / 10, 2 * ALARM)
+"""What a NIS and a row count, how much an epoch counts at most, and what the sum is at most."""
 
 
 def lasting(biases: int) -> float:
@@ -63,4 +64,4 @@ def surprise(nis: Array, rows: Array, total: Array) -> None:
     total : ndarray, shape (trials,)
         Contiguous; begins at 0.
     """
-    follow(nis, rows, _RULE, total)
+    follow(nis, rows, RULE, total)

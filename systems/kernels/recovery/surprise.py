@@ -4,9 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from quietfix.systems.kernels.compiling import compiled
+from quietfix.systems.kernels.compiling import compiled, inlined
 
-__all__ = ["follow"]
+__all__ = ["follow", "followed"]
+
+
+@inlined
+def followed(nis: float, rows: float, gain: float, each: float, most: float, full: float, total: float) -> float:
+    """Return a trial's sum after this epoch; see `follow`."""
+    if rows > 0.0:
+        step = gain * nis - each * rows
+        if not step < most:  # nor where it is not a number
+            step = most
+        return max(0.0, min(full, total + step))
+    return total
 
 
 @compiled("void(float64[::1],float64[::1],float64,float64,float64,float64,float64[::1])")
@@ -16,8 +27,4 @@ def follow(nis: Any, rows: Any, gain: float, each: float, most: float, full: flo
     A trial without a row stays as it is; a NIS that is not a number says as much as one can.
     """
     for t in range(total.shape[0]):
-        if rows[t] > 0.0:
-            step = gain * nis[t] - each * rows[t]
-            if not step < most:  # nor where it is not a number
-                step = most
-            total[t] = max(0.0, min(full, total[t] + step))
+        total[t] = followed(nis[t], rows[t], gain, each, most, full, total[t])

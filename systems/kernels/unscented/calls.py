@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 from quietfix.systems.kernels.equations import Program, Step
 from quietfix.systems.kernels.loading import ready
 from quietfix.systems.kernels.sharing import Parts, call
-from quietfix.systems.kernels.updating import NO_INPUT, by_update, plain
+from quietfix.systems.kernels.updating import NO_INPUT, Update, by_update, plain, settings
 
-__all__ = ["predicted", "updated"]
+__all__ = ["UNSCENTED", "predicted", "updated"]
 
 Array = NDArray[np.float64]
 Weights = tuple[float, float, float]
 
-_UPDATE = Parts((0, 1, 2, 3, 4, 13, 14, 15, 16, 17), 12, each=6.0, unit=4096)
 _PREDICT = Parts((0, 1, 2, 10, 11), 9, each=6.0, unit=256, good=-1)
 
 
@@ -39,13 +38,15 @@ def updated(
     ValueError
         Where R is not positive definite, platforms are too few, or a user's kernel raised.
     """
-    size = _workspace(mean.shape[-1], measurement.shape[-1], program.rows)
     given = mean, covariance, measurement, platforms, noise
-    return by_update("unscented.update:update", _UPDATE, given, program, weights, size)
+    return by_update(UNSCENTED, given, program, settings(*weights))
 
 
-def _workspace(n: int, m: int, rows: int) -> int:
+def _room(n: int, m: int, rows: int) -> int:
     return 3 * n + 5 * m + 3 * rows + 4 * n * n + 3 * n * m + 6 * m * m
+
+
+UNSCENTED = Update("unscented.update:update", _room, each=6.0)
 
 
 def predicted(mean: Array, covariance: Array, step: Step, held: Array | None, weights: Weights) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from quietfix.systems.kernels.calling import UPDATE
 from quietfix.systems.kernels.compiling import compiled, inlined
 from quietfix.systems.kernels.extended import RAISED
 from quietfix.systems.kernels.gains import advance, correct, least, nothing, posterior_covariance, products, tell
@@ -13,14 +14,8 @@ from quietfix.systems.kernels.rows import OK, evaluate, is_diagonal, whitening, 
 
 __all__ = ["update"]
 
-_SIGNATURE = (
-    "int64(float64[:,::1],float64[:,:,::1],float64[:,::1],float64[:,:,::1],float64[:,:,::1],"
-    "int64[:,::1],int64[::1],float64[::1],float64[::1],float64,float64,float64,float64[::1],"
-    "float64[:,::1],float64[:,:,::1],float64[:,::1],float64[::1],float64[::1])"
-)
 
-
-@compiled(_SIGNATURE)
+@compiled(UPDATE)
 def update(
     mean: Any,
     covariance: Any,
@@ -31,9 +26,7 @@ def update(
     chosen: Any,
     parameters: Any,
     moduli: Any,
-    c: float,
-    weight: float,
-    centre: float,
+    settings: Any,
     space: Any,
     out_mean: Any,
     out_covariance: Any,
@@ -43,9 +36,10 @@ def update(
 ) -> int:
     """Update every trial; arguments and what is returned as of `quietfix.systems.kernels.extended.update`.
 
-    `c` is how many columns of the root a sigma point lies off, `weight` that of an outer point, `centre` that of the
-    middle one in a covariance; `space` is `quietfix.systems.kernels.unscented.calls.workspace` numbers.
+    `settings` are how many columns of the root a sigma point lies off, the weight of an outer point, and that of the
+    middle one in a covariance; `space` is room to work in, see `quietfix.systems.kernels.unscented.calls`.
     """
+    c, weight, centre = settings[0], settings[1], settings[2]
     trials, n = mean.shape
     m, full = chosen.shape[0], parts[parts.shape[0] - 1, 2]
     vectors, rows_of_m, values, squares, of_points, small = _rooms(space, n, m, full)

@@ -1,4 +1,4 @@
 """Whole steps of an estimator in one compiled call.
 
-May import: systems.kernels.
+May import: systems.kernels, systems.kernels.recovery.
 """

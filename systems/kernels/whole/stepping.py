@@ -3,102 +3,124 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.kernels.loading import ready
+from quietfix.systems.kernels.loading import entry, ready
 from quietfix.systems.kernels.sharing import pieces, side_by_side
-from quietfix.systems.kernels.updating import plain, workspace
+from quietfix.systems.kernels.updating import Update, fit, plain
 
 if TYPE_CHECKING:
     from quietfix.systems.kernels.equations import Program
 
-__all__ = ["linear"]
+__all__ = ["Linear", "Ports"]
 
 Array = NDArray[np.float64]
 
-_EACH = 4.0  # us that a trial takes, about
+
+class Ports(NamedTuple):
+    """What an estimator is told.
+
+    Attributes
+    ----------
+    trials, platform_trials, platforms : int
+        As `quietfix.systems.estimators.wiring.Wiring` has them.
+    rows : sequence of int
+        Which of the rows on the port are those of the model.
+    """
+
+    trials: int
+    platform_trials: int
+    platforms: int
+    rows: Sequence[int]
 
 
-@cache
-def _loaded() -> Any:
-    for name in ("predicting:by_matrix", "extended:update"):  # what it calls comes first, with its own signature
-        ready(name)
-    return ready("whole.linear:extended")
-
-
-def linear(
-    state: Array,
-    matrices: tuple[Array, Array],
-    measurement: Array,
-    platforms: Array,
-    noise: Array,
-    program: Program,
-    rule: tuple[int, float],
-) -> bool:
-    """Predict by a transition matrix and update, in place; return whether it went well.
+class Linear:
+    """Prediction by a transition matrix, and update: what stays the same from step to step, and the step.
 
     It calls the very functions that `quietfix.systems.kernels.updating` calls one by one: every bit is theirs.
 
     Parameters
     ----------
-    state : ndarray
-        Of all trials, one after the other: means, covariances, innovations, NIS, rows used; spoiled if it fails.
-    matrices : (ndarray, ndarray)
-        Transition and process noise, (n, n) or (trials, n, n).
-    measurement : ndarray, shape (trials, m)
-    platforms : ndarray, shape (1 or trials, p, 6)
-    noise : ndarray, shape (m, m)
-        R.
+    update : Update
+    own : ndarray
+        The filter's own `settings`.
     program : Program
         Of the measurement model.
-    rule : (int, float)
-        Linearisations at most, and the step below which there are no more.
+    states : int
+    noise : ndarray, shape (m, m)
+        R.
+    ports : Ports
+    rule : sequence of float
+        As of `quietfix.systems.kernels.recovery.surprise.follow`.
+
+    Raises
+    ------
+    ValueError
+        If platforms or states are too few for the model.
     """
-    trials, m = measurement.shape
-    n = matrices[0].shape[-1]
-    given = (
-        plain(matrices[0].reshape(-1, n, n)),
-        plain(matrices[1].reshape(-1, n, n)),
-        plain(measurement),
-        plain(platforms),
-        plain(noise[None]),
-        program.parts,
-        program.chosen,
-        program.parameters,
-        program.moduli,
-        *rule,
-    )
-    cut = pieces(trials, _EACH)
-    if len(cut) > 1:
-        return _shared(state, given, cut, workspace(n, m, program.rows))
-    space = np.empty(trials * n * (n + 1) + n * n + workspace(n, m, program.rows))
-    failed: int = _loaded()(state, *given, space)
-    return failed == 0
+
+    def __init__(
+        self,
+        update: Update,
+        own: Array,
+        program: Program,
+        states: int,
+        noise: Array,
+        ports: Ports,
+        rule: Sequence[float],
+    ) -> None:
+        fit(program, states, np.empty((ports.platform_trials, ports.platforms, 6)))
+        self._trials, self._each, n = ports.trials, update.each, states
+        addresses = entry("predicting:by_matrix"), entry(update.name)
+        equations = program.parts, program.chosen, program.parameters, program.moduli
+        self._always = (
+            np.array([*addresses, *ports[:3]], dtype=np.int64),
+            np.array(ports.rows, dtype=np.int64),
+            plain(noise[None]),
+            *equations,
+            own,
+            np.array(rule, dtype=float),
+        )
+        m = len(ports.rows)
+        self._room = n * n + update.room(n, m, program.rows), n + n * n + m
+        self._code = ready("whole.linear:step")
+        self._program = program  # its addresses are in use
+        self._matrices: tuple[Array, Array] | None = None
+        self._plain: tuple[Array, Array] | None = None
+
+    def __call__(
+        self, state: Array, now: float, matrices: tuple[Array, Array], stream: Array, platforms: Array
+    ) -> bool:
+        """Predict and update, in place; return whether it went well, else the state is spoiled.
+
+        Parameters
+        ----------
+        state : ndarray
+            Of all trials, see `quietfix.systems.kernels.whole.linear.step`.
+        now : float
+            The time [s] that the next state holds for.
+        matrices : (ndarray, ndarray)
+            Transition and process noise, (n, n).
+        stream, platforms : ndarray
+            What the ports carry.
+        """
+        if self._plain is None or self._matrices is None or not _are(matrices, self._matrices):
+            n = matrices[0].shape[-1]
+            self._plain = plain(matrices[0].reshape(-1, n, n)), plain(matrices[1].reshape(-1, n, n))
+            self._matrices = matrices if not any(one.flags.writeable for one in matrices) else None
+        given = now, *self._plain, stream, platforms, *self._always
+        fixed, each = self._room
+        cut = pieces(self._trials, self._each)
+        if len(cut) == 1:
+            answer: int = self._code(state, 0, self._trials, *given, np.empty(fixed + self._trials * each))
+            return answer == 0
+        calls = [(piece.start, piece.stop, *given) for piece in cut]
+        room = [np.empty(fixed + (piece.stop - piece.start) * each) for piece in cut]
+        return not any(side_by_side([(self._code, (state, *call, own)) for call, own in zip(calls, room, strict=True)]))
 
 
-def _shared(state: Array, given: Sequence[Any], cut: Sequence[slice], room: int) -> bool:
-    """Do the same in pieces: there, what belongs to a trial is not in one place of the state."""
-    phi, process, measurement, platforms, noise, *rest = given
-    trials, m = measurement.shape
-    n = phi.shape[-1]
-    ends = np.cumsum([trials * n, trials * n * n, trials * m, trials])
-    mean, covariance, innovation, nis, used = np.split(state[: ends[-1] + trials], ends)
-    out = mean.reshape(trials, n), covariance.reshape(trials, n, n), innovation.reshape(trials, m), nis, used
-    predict, update = ready("predicting:by_matrix"), ready("extended:update")
-
-    def of(array: Array, piece: slice) -> Array:
-        return array if array.shape[0] == 1 else array[piece]
-
-    def step(piece: slice) -> int:
-        own = [array[piece] for array in out]
-        prior = np.empty_like(own[0]), np.empty_like(own[1])
-        predict(own[0], own[1], of(phi, piece), of(process, piece), np.empty((n, n)), *prior)
-        seen = measurement[piece], of(platforms, piece), of(noise, piece)
-        answer: int = update(*prior, *seen, *rest, np.empty(room), *own)
-        return answer
-
-    return not any(side_by_side([(step, (piece,)) for piece in cut]))
+def _are(some: tuple[Array, Array], others: tuple[Array, Array]) -> bool:
+    return some[0] is others[0] and some[1] is others[1]
