@@ -273,7 +273,7 @@ class Crew:
                 local |= {"dashboard_address": None, "silence_logs": logging.CRITICAL + 1, "preload": [_DEAF]}
                 local |= {"death_timeout": _STARTING, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
                 cluster = self._stack.enter_context(LocalCluster(n_workers=self._workers, **local))
-                self._client = self._stack.enter_context(Client(cluster))
+                self._client = self._stack.enter_context(Client(cluster, direct_to_workers=True))
             else:
                 self._client = self._stack.enter_context(Client(self._scheduler, timeout=_PATIENCE))
                 self._client.wait_for_workers(1, timeout=_PATIENCE)

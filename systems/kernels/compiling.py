@@ -36,10 +36,12 @@ inlined = _njit(**_INNER, _nrt=False, forceinline=True)
 Forced, because a call hands over every array as seven numbers, which costs more than the work of most of them.
 """
 
-summing = _njit(**{**_INNER, "fastmath": {"reassoc", "nsz"}}, _nrt=False)
+summing = _njit(**{**_INNER, "fastmath": {"reassoc", "nsz"}}, _nrt=False, forceinline=True)
 """Decorator of an `inlined` function in which sums may be taken in another order: in the lanes of a vector unit.
 
-The order is that of the machine and the length, and does not depend on what else is computed.
+The order is that of the machine, of the length and of the compiled function that it becomes part of. Were it called,
+a process that has just compiled it would call that code, and one that has its caller from the cache the caller's own,
+which was optimised once more: sums in another order.
 """
 
 

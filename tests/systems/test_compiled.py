@@ -253,6 +253,32 @@ def test_a_second_process_compiles_nothing(tmp_path):
 
 
 @pytest.mark.slow
+def test_sums_over_particles_are_the_same_bits_where_they_were_just_compiled(tmp_path):
+    """A sum that is a function of its own would be one of two, which were optimised in different company."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, "-c", SUMS]
+    first, second = (
+        subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=300).stdout
+        for _ in range(2)
+    )
+    assert first == second and len(first.split()) == 200
+
+
+SUMS = """
+import numpy as np
+from quietfix.systems.kernels.loading import ready
+random = np.random.default_rng(1)
+logarithm = -5.0 * random.chisquare(3, (100, 201))
+highest, weight = logarithm.max(-1), random.random((100, 201))
+weight /= weight.sum(-1, keepdims=True)
+for alike in (True, False):
+    chosen = np.empty(100)
+    ready("particles.stages:exponents")(logarithm, highest, weight, np.full(100, alike), np.ones(100), 0.5, chosen)
+    print(*(x.hex() for x in chosen))
+"""
+
+
+@pytest.mark.slow
 def test_two_processes_at_once_fill_one_empty_cache(tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(Path(__file__).parents[2])}
     both = [
