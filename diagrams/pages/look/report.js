@@ -6,6 +6,19 @@
   let printing = false;
   const redraws = [];
   const drawn = new Set();
+  const waiting = [];
+
+  // one after the other, each when the browser has nothing else to do: the first is seen before the second is begun
+  const rest = window.requestIdleCallback || ((work) => setTimeout(work, 1));
+  const next = () => {
+    const redraw = waiting.shift();
+    if (redraw && !drawn.has(redraw)) {
+      drawn.add(redraw);
+      redraw();
+      if (!document.documentElement.dataset.drawn) document.documentElement.dataset.drawn = String(Math.round(performance.now()));
+    }
+    if (waiting.length) rest(next, { timeout: 500 });
+  };
 
   // a plot is drawn when it comes near the window: the page is there at once, however many it has
   const lazily = (section, redraw) => {
@@ -13,7 +26,8 @@
     new IntersectionObserver((entries, observer) => {
       if (!entries.some((entry) => entry.isIntersecting)) return;
       observer.disconnect();
-      if (!drawn.has(redraw)) { drawn.add(redraw); redraw(); }
+      waiting.push(redraw);
+      if (waiting.length === 1) rest(next, { timeout: 100 });
     }, { rootMargin: "300px" }).observe(at(section));
   };
 
