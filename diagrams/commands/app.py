@@ -202,6 +202,7 @@ def run(
         "truth": truth,
         "platforms": platforms,
         "write_measurements": write_measurements or None,
+        "report": report or None,
     }
     given = {k: v for k, v in asked.items() if v is not None}
     with paged(report, out or resume):
@@ -340,7 +341,7 @@ def replay(
     chosen, smoothed = [*raw, *(settings or ())], with_smoothers(estimators, smooth)
     with paged(report, out or resume):
         run_recording(
-            dataset, data, out, True, file, chosen, smoothed, overwrite, platforms, write_measurements, resume
+            dataset, data, out, True, file, chosen, smoothed, overwrite, platforms, write_measurements, resume, report
         )
 
 

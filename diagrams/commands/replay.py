@@ -27,6 +27,7 @@ def replay(
     platforms: Path | str | None = None,
     write_measurements: bool = False,
     resume: Path | str | None = None,
+    report: bool = False,
 ) -> Report | None:
     """Run a recording as ``quietfix run`` does, print its tables and, if asked, write its results.
 
@@ -54,6 +55,8 @@ def replay(
         Write what was measured as a table; see ``quietfix run --help``.
     resume : path, optional
         In place of `out`: an interrupted run of the same, which goes on.
+    report : bool
+        Keep what a page of the result needs.
 
     Returns
     -------
@@ -71,6 +74,7 @@ def replay(
     files = [Path(file)] if isinstance(file, str | Path) else [Path(one) for one in file or ()]
     asked: dict[str, Any] = {"data": _places(found, data, files), "set": settings, "estimators": estimators}
     asked |= {"platforms": None if platforms is None else Path(platforms), "write_measurements": write_measurements}
+    asked |= {"report": report}
     given = {key: value for key, value in asked.items() if value}
     where, before = (None if path is None else Path(path) for path in (out, resume))
     return run_command(dataset, given, None, where, overwrite, False, progress, before)

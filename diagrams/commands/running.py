@@ -170,15 +170,18 @@ def _asked_for(
     before: Earlier | None = None,
 ) -> tuple[Study, bool]:
     """Return the study that a command line asks for, and whether its measurements are written."""
-    from quietfix.diagrams.scale.asked import built
+    from quietfix.diagrams.scale.asked import built, for_a_page
 
     options = dict(asked)
     fed = {key: options.pop(key, None) for key in ("measurements", "truth")}
     platforms = options.pop("platforms", None)
     write = options.pop("write_measurements", False)
+    paged = options.pop("report", False) and "keep" not in options
     found: Found | str | None = system
     if before is not None and before.plan is not None:
         options.setdefault("chunk", before.plan.chunk)
+        if paged:  # as it was begun
+            options["keep"], paged = before.attributes["keep"], False
     if before is not None and system is None:
         found, options = ask_as(before.attributes, f"--resume: {before.where}", None, options, trust)
         write = write or bool(before.attributes.get("write_measurements"))
@@ -199,6 +202,8 @@ def _asked_for(
         options["set"] = with_measurements(found, options.get("set"), **fed)
     if write:
         options = _to_be_written(options, out)
+    if paged and from_ is None and not write:
+        return for_a_page(lambda keep: built(found, {**options, "keep": keep}, False)), False
     return built(found, options, bool(write)), bool(write)
 
 

@@ -126,7 +126,7 @@ TRIALS = typer.Option(parser=whole, metavar="N", help="Monte Carlo trials.  [def
 # of `quietfix run`, where --from and --resume give them other defaults
 FIRST_TRIAL = typer.Option(parser=whole, metavar="N", help="Number of the first trial.  [default: 0]")
 RUN_SEED = typer.Option(parser=whole, metavar="N", help="Seed of all noise.  [default: 0]")
-KEEP = typer.Option(help="estimates, covariance, measurements or all.  [default: estimates]")
+KEEP = typer.Option(help="estimates, covariance, measurements or all.  [default: estimates; with --report covariance]")
 EVERY = typer.Option(parser=whole, metavar="N", help="Keep every so many epochs.  [default: 1]")
 CHUNK = typer.Option(
     parser=whole, metavar="N", help="Trials at once; changes no trial's numbers, and sums over trials to rounding."
@@ -163,7 +163,11 @@ JSON = typer.Option(
     help="Print one JSON object instead, with the numbers of the table unrounded: units in the names (_m, _s), null "
     "for what is unknown or infinite, sentences under notes.",
 )
-PAGE = typer.Option("--report", help="With --out DIR: write DIR.html, too; see `quietfix report --help`.")
+PAGE = typer.Option(
+    "--report",
+    help="With --out DIR: write DIR.html, too; see `quietfix report --help`. Without --keep covariances are kept "
+    "for it, where the result stays below 1 GB.",
+)
 VARY = typer.Option(
     metavar="KEY=A:B:N",
     help="Field of the scenario and its values: from A to B in N points, KEY=log:A:B:N by a factor, or KEY=V1,V2,...",

@@ -36,8 +36,12 @@ def prepare(
     set: Sequence[str] | None = None,
     chunk: int | None = None,
     threads: int = 1,
+    keep: str = "estimates",
 ) -> tuple[ComparedStudy, Lineup]:
-    """Return the study of a comparison, ready to run, and who takes part; arguments as in `compare`."""
+    """Return the study of a comparison, ready to run, and who takes part; arguments as in `compare`.
+
+    `keep`: what of each trial, as of `Study`.
+    """
     found = find(system, variant)
     if found.system.recording is not None and not found.system.recording.truth:
         only_simulated(found, "compare")
@@ -68,6 +72,7 @@ def prepare(
         seed=seed,
         chunk=chunk,
         threads=threads,
+        keep=keep,
         every=1 if recording else math.ceil(epochs / _EPOCHS),
         model=chosen.model,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from quietfix.diagrams.figures.ground import reach
+from quietfix.diagrams.pages.coast import coast_within
 from quietfix.diagrams.pages.numbers import rounded, thinned
 from quietfix.diagrams.quantities.frame import Frame, frame_of
 from quietfix.diagrams.quantities.states import POSITION
@@ -22,6 +23,8 @@ View = tuple[str, tuple[str, str], Callable[[Array], Array], float | None]
 
 _MOST_POINTS, _MOST_TRIALS, _MOST_DOTS = 300, 12, 400
 _KM = 1e3
+_ABOVE = "from above"
+_ROUND = 2.0  # deg: coast lines that are kept beyond a map at least, for who zooms out
 
 
 def place_names(dataset: xr.Dataset) -> list[str]:
@@ -92,8 +95,26 @@ def views(dataset: xr.Dataset) -> list[dict[str, Any]]:
                 continue
             flat = project(place)
             drawn.append({"name": name, "kind": kind, "x": rounded(flat[:, 0]), "y": rounded(flat[:, 1])})
-        found.append({"title": title, "x": labels[0], "y": labels[1], "stretch": stretch, "tracks": drawn})
+        told = {"title": title, "x": labels[0], "y": labels[1], "stretch": stretch, "tracks": drawn}
+        found.append(told | (_coast(drawn) if frame.geodetic and title == _ABOVE else {}))
     return found
+
+
+def _coast(drawn: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what of the coast is around tracks in longitude and latitude, and the part of the map that is shown."""
+    ends = []
+    for axis in ("x", "y"):
+        values = np.concatenate([np.array(track[axis], dtype=float) for track in drawn])
+        ends.append((float(values.min()), float(values.max())))
+    wide = max(b - a for a, b in ends)
+    (west, east), (south, north) = ((a - wide - _ROUND, b + wide + _ROUND) for a, b in ends)
+    lines = coast_within(west, east, max(south, -90.0), min(north, 90.0))
+    points = [point for line in lines for point in (*rounded(line), [None, None])]
+    margin = max(0.06 * wide, 1e-3)
+    return {
+        "coast": {"x": [x for x, _ in points], "y": [y for _, y in points]},
+        "shown": [[rounded(a - margin), rounded(b + margin)] for a, b in ends],
+    }
 
 
 def _tracks(dataset: xr.Dataset, names: list[str]) -> list[tuple[str, str, Array]]:
@@ -131,7 +152,7 @@ def _projections(frame: Frame, size: int, around: Array) -> list[View]:
     def above(places: Array) -> Array:
         return ground.places(places, around)
 
-    shown: list[View] = [("from above", ground.labels, above, ground.stretch(around))]
+    shown: list[View] = [(_ABOVE, ground.labels, above, ground.stretch(around))]
     if size < 3:
         return shown
     if height is not None:

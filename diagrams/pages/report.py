@@ -16,6 +16,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from quietfix.diagrams.console.tables import Table
+from quietfix.diagrams.pages.coast import COAST_NOTE
 from quietfix.diagrams.pages.courses import courses
 from quietfix.diagrams.pages.curves import curves, estimators, verdicts
 from quietfix.diagrams.pages.picture import inline_svg
@@ -67,6 +68,7 @@ def report_page(folder: Path) -> str:
     return template.render(
         **page,
         json=Markup(data),
+        coast_note=COAST_NOTE,
         css=Markup((_LOOK / "report.css").read_text(encoding="utf-8")),
         js=Markup((_LOOK / "report.js").read_text(encoding="utf-8")),
         plotly=Markup(_plotly()),

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.diagrams.pages.coast import coast_lines
 from quietfix.systems.constants import WGS84_AXIS, WGS84_FLATTENING
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef
 
-__all__ = ["Mesh", "Segments", "blocked", "earth", "graticules", "grid"]
+__all__ = ["COASTS", "Mesh", "Segments", "blocked", "coasts", "earth", "graticules", "grid"]
 
 Array = NDArray[np.float64]
 
+COASTS = "coasts"
 _HALF_AXES = WGS84_AXIS * np.array([1.0, 1.0, 1 - WGS84_FLATTENING])
 _RINGS, _SPOKES = 90, 120
 _FINEST = 1e-3  # rad: first ring of the mesh
@@ -103,6 +105,19 @@ def _net(
         geodetic_to_ecef(np.radians(points[:, 0]), np.radians(points[:, 1]), height) for points in (starts, ends)
     ]
     return Segments(name, on_ground[0], on_ground[1])
+
+
+def coasts() -> Segments:
+    """Return the coast lines of the Earth in Earth-fixed axes, in pieces of about a degree at most."""
+    starts, ends = [], []
+    for line in coast_lines():
+        pieces = np.maximum(1, np.ceil(np.abs(np.diff(line, axis=0)).max(axis=-1))).astype(int)
+        at = np.concatenate([[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(pieces))])
+        longitude, latitude = (np.radians(np.interp(at, np.arange(len(line)), line[:, i])) for i in (0, 1))
+        places = geodetic_to_ecef(latitude, longitude, np.zeros_like(latitude))
+        starts.append(places[:-1])
+        ends.append(places[1:])
+    return Segments(COASTS, np.concatenate(starts), np.concatenate(ends))
 
 
 def grid(origin: Array, axes: Array, step: float, far: float) -> Segments:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import Box, Meshcat, MeshcatParams, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
+from quietfix.diagrams.scenes.ground import COASTS
 from quietfix.diagrams.scenes.stage import SIZE, Moving, Stage
 from quietfix.diagrams.scenes.timing import Timing
 from quietfix.diagrams.schema.errors import UserError
@@ -17,7 +18,7 @@ __all__ = ["opened", "perform"]
 
 Array = NDArray[np.float64]
 
-_SEA, _NET = (0.72, 0.83, 0.92), (0.35, 0.5, 0.62)
+_SEA, _NET, _COAST = (0.72, 0.83, 0.92), (0.5, 0.63, 0.73), (0.2, 0.3, 0.2)
 _CAMERA = "/Cameras/default/rotated/<object>"
 _LIGHTS = {
     "SpotLight": 0.0,
@@ -90,7 +91,9 @@ def _draw_ground(stage: Stage, meshcat: Meshcat) -> None:
         )
     for i, net in enumerate(stage.nets):
         ends = [np.asfortranarray(stage.placed(lifted * places).T) for places in (net.starts, net.ends)]
-        meshcat.SetLineSegments(f"earth/lines_{i}", *ends, 1.0, Rgba(*_NET, 1.0))
+        coast = net.name == COASTS
+        colour, width = (_COAST, 2.0) if coast else (_NET, 1.0)
+        meshcat.SetLineSegments("earth/coasts" if coast else f"earth/lines_{i}", *ends, width, Rgba(*colour, 1.0))
 
 
 def _draw(thing: Moving, meshcat: Meshcat) -> None:

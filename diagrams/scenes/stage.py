@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.diagrams.scenes.ground import Mesh, Segments, blocked, earth, graticules, grid
+from quietfix.diagrams.pages.coast import COAST_NOTE
+from quietfix.diagrams.scenes.ground import Mesh, Segments, blocked, coasts, earth, graticules, grid
 from quietfix.diagrams.scenes.scene import Estimated, Scene, Track
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.constants import EARTH_RATE
@@ -280,7 +281,8 @@ def _ground(stage: Stage, scene: Scene, far: float) -> None:
         rows = [[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]
         stage.turns = np.moveaxis(np.array(rows), -1, 0)
         stage.notes.append("the Earth turns in these axes; its zero meridian is on x at time 0")
-    stage.notes.append(f"Earth: WGS-84, graticule {', '.join(net.name for net in stage.nets)}")
+    stage.notes.append(f"Earth: WGS-84, graticule {', '.join(net.name for net in stage.nets)}; {COAST_NOTE}")
+    stage.nets.append(coasts())
 
 
 def _word(name: str) -> str:

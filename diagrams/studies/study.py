@@ -132,14 +132,18 @@ class Study:
             self.chunk = self._width(self.request.trials)
         self._running: Running | None = None
 
+    @property
+    def trial_bytes(self) -> float:
+        """How many bytes all that is kept of a trial takes, before it is compressed."""
+        return 8 * self._floats * (len(self.model.clock.ticks(self.model.duration)) / self.request.every)
+
     def _width(self, count: int) -> int:
         """Return how many of so many trials to run at once, so that the memory of a chunk is bounded."""
         if self.recorded is not None:
             return 1
         if self._asked_chunk:
             return self._asked_chunk
-        ticks = len(self.model.clock.ticks(self.model.duration)) / self.request.every
-        fits = max(1, min(count, self.model.widest or _LARGEST_CHUNK, int(_CHUNK_BYTES / (8 * self._floats * ticks))))
+        fits = max(1, min(count, self.model.widest or _LARGEST_CHUNK, int(_CHUNK_BYTES / self.trial_bytes)))
         # Chunks of equal width: the last one runs full and is cut, which wastes up to a whole chunk.
         return math.ceil(count / math.ceil(count / fits))
 

@@ -3,6 +3,7 @@
 import json
 import re
 from base64 import b64decode
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +16,11 @@ from quietfix.diagrams.pages.picture import inline_svg
 from quietfix.diagrams.pages.places import error_axes, views
 from quietfix.diagrams.pages.report import report_page
 from quietfix.diagrams.quantities.frame import FRAMES
+from quietfix.diagrams.scale.asked import for_a_page
 from quietfix.diagrams.statistics.state_errors import errors
 from quietfix.diagrams.studies.results import open_result
+from tests.results.made import dataset as made_dataset
+from tests.results.made import write
 
 
 @pytest.fixture(scope="module")
@@ -191,3 +195,32 @@ def test_a_run_writes_its_page_beside_its_folder(tmp_path, capsys):
     assert code == 2 and "no page of this program" in said.err and not (tmp_path / "a").exists()
     code, said = status([*asked, "--out", tmp_path / "b"], capsys)
     assert code == 0 and "b.html" in said.out and numbers((tmp_path / "b.html").read_text())["curves"]
+    assert numbers((tmp_path / "b.html").read_text())["courses"]["covariance"]  # ellipses, without asking for them
+    code, said = status([*asked, "--keep", "estimates", "--out", tmp_path / "c"], capsys)
+    page = (tmp_path / "c.html").read_text()
+    assert code == 0 and not numbers(page)["courses"]["covariance"] and "run with --keep covariance" in page
+
+
+def test_covariances_of_a_large_study_are_left_out(capsys):
+    made = []
+
+    def make(keep):
+        made.append(keep)
+        return SimpleNamespace(trial_bytes=2e5, request=SimpleNamespace(trials=10_000), recorded=None)
+
+    for_a_page(make)
+    assert made == ["covariance", "estimates"]
+    assert "the result would take 2.0 GB" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_page_of_many_estimators_and_trials_is_small(tmp_path):
+    """Twelve estimators, 10,000 trials: the page has what fits."""
+    names = [f"filter_{i}" for i in range(12)]
+    dataset = made_dataset(names=tuple(names), trials=10_000)
+    write(tmp_path / "large", dataset, chunk=5000)
+    page = report_page(tmp_path / "large")
+    assert len(page.encode()) < 5e6
+    told = numbers(page)
+    assert len(told["curves"]["quantities"][0]["rmse"]) == 12
+    assert told["courses"]["left_out"] > 0 and len(told["courses"]["trials"]) > 30

@@ -52,6 +52,27 @@ def drawn(browser, name):
     return until(lambda: browser.execute_script(script))
 
 
+def test_it_opens_in_less_than_two_seconds(browser):
+    """In processor time of the page, which other work on the machine does not lengthen: until the first plot is drawn.
+
+    A browser of its own, so that nothing of the page is compiled yet.
+    """
+    fresh = open_browser()
+    try:
+        fresh.execute_cdp_cmd("Performance.enable", {})
+
+        def spent():
+            told = fresh.execute_cdp_cmd("Performance.getMetrics", {})["metrics"]
+            return next(one["value"] for one in told if one["name"] == "ProcessTime")
+
+        before = spent()
+        fresh.get(browser.current_url)
+        until(lambda: fresh.execute_script("return document.documentElement.dataset.drawn"))
+        assert spent() - before < 2.0
+    finally:
+        fresh.quit()
+
+
 def test_no_error_and_no_request(browser):
     assert browser.execute_script("return document.documentElement.dataset.ready") == "yes"
     for name in ("error-plot", "consistency-plot", "view-0", "view-1", "ends-plot", "trial-ground", "trial-error"):

@@ -11,8 +11,11 @@ from quietfix.diagrams.commands.judging.compared import Comparing, compared
 from quietfix.diagrams.console.answer import asked_for_json, tell
 from quietfix.diagrams.console.tables import print_table
 from quietfix.diagrams.console.terminal import done, say
+from quietfix.diagrams.experiments.candidates import Lineup
 from quietfix.diagrams.experiments.compare import prepare
+from quietfix.diagrams.experiments.compared_study import ComparedStudy
 from quietfix.diagrams.experiments.comparison import check_at
+from quietfix.diagrams.scale.asked import for_a_page
 from quietfix.diagrams.scale.crew import Crew
 from quietfix.diagrams.scale.resuming import begun_or_interrupted
 from quietfix.diagrams.schema.errors import UserError, choose
@@ -35,6 +38,7 @@ def compare_command(
     resume: Path | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
+    report: bool = False,
 ) -> None:
     """Compare estimators on one or more systems; see ``quietfix compare --help``."""
     choose("format", format_, FORMATS)
@@ -48,9 +52,9 @@ def compare_command(
         # before anything runs: mistakes show early
         data, settings = options.get("data"), options.get("set")
         asked = {key: value for key, value in options.items() if key not in ("data", "set")}
-        prepared = [
-            (found.title, *prepare(found, set=with_data(found, settings, data), **asked)) for found in chosen_systems
-        ]
+        prepared = []
+        for found in chosen_systems:
+            prepared.append((found.title, *_prepared(found, asked | {"set": with_data(found, settings, data)}, report)))
         for _, study, _ in prepared:
             check_at(study, at)
         work = [Comparing(study, chosen, at, folders[name], overwrite, resume) for name, study, chosen in prepared]
@@ -66,6 +70,20 @@ def compare_command(
     tell(comparisons=results)
     if format_ == "markdown" and not asked_for_json():
         print(comparison_markdown(results), end="")
+
+
+def _prepared(found: Found, options: Mapping[str, Any], report: bool) -> tuple[ComparedStudy, Lineup]:
+    """Return the study of a comparison, which keeps what a page needs where there is to be one, and who takes part."""
+    if not report:
+        return prepare(found, **options)
+    lineups: list[Lineup] = []
+
+    def make(keep: str) -> ComparedStudy:
+        study, lineup = prepare(found, keep=keep, **options)
+        lineups.append(lineup)
+        return study
+
+    return for_a_page(make), lineups[-1]
 
 
 def _folders(systems: Sequence[Found], out: Path | None) -> dict[str, Path | None]:

@@ -68,7 +68,7 @@ def compare(
     }
     options |= {"data": data, "chunk": chunk, "threads": threads}
     with paged(report, out or resume):
-        compare_command(systems, options, at, format_, out, overwrite, resume, workers, scheduler)
+        compare_command(systems, options, at, format_, out, overwrite, resume, workers, scheduler, report)
 
 
 def sweep(

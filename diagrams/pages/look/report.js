@@ -201,6 +201,14 @@
     data.views.forEach((view, i) => {
       const seen = new Set();
       const traces = [];
+      // names of what starts side by side, as satellites do, stand on different sides
+      const sides = ["top center", "bottom center", "middle right", "middle left"];
+      let places = -1;
+      if (view.coast && view.coast.x.length) {
+        traces.push({
+          x: view.coast.x, y: view.coast.y, mode: "lines", name: "coast", hoverinfo: "skip", line: { color: "rgba(128,128,128,.8)", width: 1 },
+        });
+      }
       view.tracks.forEach((track) => {
         const target = track.kind === "target";
         const color = target ? "#d55e00" : look().soft;
@@ -212,15 +220,15 @@
         });
         traces.push({
           ...shared, x: track.x.slice(0, 1), y: track.y.slice(0, 1), mode: target ? "markers" : "markers+text",
-          textposition: "top center", textfont: { size: 11 }, showlegend: false, marker: { color, size: 8 }, name: track.name,
+          textposition: sides[(places += target ? 0 : 1) % sides.length], textfont: { size: 11 }, showlegend: false, marker: { color, size: 8 }, name: track.name,
         });
         seen.add(group);
       });
       const tied = view.stretch === null ? {} : { scaleanchor: "x", scaleratio: view.stretch };
       draw("view-" + i, traces, {
         title: { text: view.title, font: { size: 14 } },
-        xaxis: axis(view.x),
-        yaxis: axis(view.y, tied),
+        xaxis: axis(view.x, view.shown ? { range: view.shown[0] } : {}),
+        yaxis: axis(view.y, { ...tied, ...(view.shown ? { range: view.shown[1] } : {}) }),
         legend: { orientation: "h", y: -0.2 },
         hovermode: "closest",
       });
