@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from quietfix.diagrams.figures.style import new_figure
+from quietfix.diagrams.figures.shared.style import new_figure
 from quietfix.systems.ambiguity.surface import Surface
 
 __all__ = ["draw_surface"]

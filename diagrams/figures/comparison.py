@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
-from quietfix.diagrams.figures.style import grid, new_figure
+from quietfix.diagrams.figures.shared.style import grid, new_figure
 
 __all__ = ["draw_comparison"]
 

@@ -9,7 +9,17 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from quietfix.diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure, time_label, title
+from quietfix.diagrams.figures.shared.curves import draw_curves
+from quietfix.diagrams.figures.shared.limits import Span, curve_span
+from quietfix.diagrams.figures.shared.style import (
+    grid,
+    grouped_figure,
+    legend_beside,
+    log_scale,
+    looks,
+    time_label,
+    title,
+)
 from quietfix.diagrams.statistics.consistency import nees_statistics, nis_statistics
 
 __all__ = ["draw_consistency"]
@@ -34,7 +44,6 @@ def draw_consistency(dataset: xr.Dataset, kind: str, sums: Mapping[str, Any] | N
     -------
     matplotlib.figure.Figure
     """
-    figure, axes = new_figure()
     time = dataset["time"].values
     if kind == "nees":
         found = nees_statistics(dataset, _CONFIDENCE, sums)
@@ -51,23 +60,23 @@ def draw_consistency(dataset: xr.Dataset, kind: str, sums: Mapping[str, Any] | N
         curve, lower, upper, one = found["ratio"], found["lower"], found["upper"], 1.0
         label = "sum of NIS / sum of degrees of freedom (consistent: 1)"
     shown = looks(dataset)
-    _bands(axes, time, lower, upper)
-    axes.axhline(one, color="0.4", linewidth=1.0)
-    for name, look in shown.items():
-        values = curve.sel(estimator=name).values
-        values = np.where(np.isfinite(values), values, np.nan)
-        largest = np.nanmax(values, initial=0.0)
-        beyond = f" (off the scale, up to {largest:.0e})" if largest > _TALLEST * one else ""
-        axes.plot(time, values, label=f"{name}{beyond}", **look.line())
+    figure, panels = grouped_figure(shown, sharex=True, sharey=True)
     finite = curve.values[np.isfinite(curve.values)]
-    if finite.size and finite.max() > 10 * one:
-        log_scale(axes)
-        if finite.max() > _TALLEST * one:
-            axes.set_ylim(top=_TALLEST * one)
-    axes.set(xlabel=time_label(dataset), ylabel=label, xlim=(time[0], time[-1]) if time[-1] > time[0] else None)
-    grid(axes)
+    logarithmic = bool(finite.size and finite.max() > 10 * one)
+    top = _TALLEST * one if logarithmic and finite.max() > _TALLEST * one else None
+    span = Span(curve_span(list(curve.values)).low if logarithmic else None, top)
+    for axes, group in zip(panels[:, 0], shown, strict=True):
+        _bands(axes, time, *(part.sel(estimator=list(group)) for part in (lower, upper)))
+        axes.axhline(one, color="0.4", linewidth=1.0)
+        draw_curves(axes, time, curve, group, span)
+        if logarithmic:
+            log_scale(axes)
+        axes.set(ylabel=label, xlim=(time[0], time[-1]) if time[-1] > time[0] else None)
+        grid(axes)
+        legend_beside(axes, others=len(shown) > 1)
+    span.limit(panels[0, 0])
+    panels[-1, 0].set_xlabel(time_label(dataset))
     figure.suptitle(title(dataset))
-    legend_outside(figure, axes)
     return figure
 
 

@@ -13,9 +13,9 @@ import xarray as xr
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from quietfix.diagrams.figures.labels import name_places
-from quietfix.diagrams.figures.style import new_figure, save
-from quietfix.diagrams.figures.ticks import plain_ticks
+from quietfix.diagrams.figures.shared.labels import name_places
+from quietfix.diagrams.figures.shared.style import new_figure, save
+from quietfix.diagrams.figures.shared.ticks import plain_ticks
 
 __all__ = ["draw_gdop"]
 

@@ -1,33 +1,38 @@
-"""Where it takes place: tracks along the ground, and the estimates around the target."""
+"""Where it takes place: tracks along the ground and from the side, and the estimates around the target."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from quietfix.diagrams.figures.labels import name_places
-from quietfix.diagrams.figures.style import grid, legend_outside, looks, new_figure, title
-from quietfix.diagrams.figures.ticks import plain_ticks
-from quietfix.diagrams.quantities.frame import Ground, frame_of
+from quietfix.diagrams.figures.clouds import draw_cloud, last_offsets, wider_axis
+from quietfix.diagrams.figures.shared.labels import name_places
+from quietfix.diagrams.figures.shared.style import (
+    Look,
+    grid,
+    legend_beside,
+    legend_outside,
+    looks,
+    new_figure,
+    title,
+)
+from quietfix.diagrams.figures.shared.ticks import plain_ticks
+from quietfix.diagrams.figures.shared.views import View, error_axes, place_names, views_of
+from quietfix.diagrams.quantities.frame import Frame, frame_of
 from quietfix.diagrams.quantities.states import POSITION
 
-__all__ = ["draw_ground", "has_ground", "reach"]
+__all__ = ["draw_ground", "draw_tracks", "has_ground", "in_pairs", "tracks_of"]
 
 Array = NDArray[np.float64]
-Project = Callable[[Array], Array]
 
-_PLATFORMS = "0.35"
-_TARGET, _TARGET_TRACK = "black", "#d55e00"
+_PLATFORMS, _TARGET_TRACK = "0.35", "#d55e00"
 _MOST_TRIALS = 20  # tracks of the target; enough to see how trials differ
-_MOST_DOTS = 20_000  # more would hide each other
 _AT_REST = 1.0  # m; what moves less is drawn as a place
-_EDGE, _MOST_OF_THEM = 3.0, 90  # the axes end at so many times what so many percent of the dots keep
-_KM, _IN_KM = 1e3, 1e3  # m; clouds that reach further than this are drawn in kilometres
 
 
 def has_ground(dataset: xr.Dataset) -> bool:
@@ -47,138 +52,113 @@ def draw_ground(dataset: xr.Dataset) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Left: the tracks on the ground axes of the frame; a dot is where a track begins. Right: errors along the
-        ground at the last epoch, in metres or kilometres.
+        First the tracks on the ground axes of the frame, a dot is where a track begins; then errors along the ground at
+        the last epoch, in metres or kilometres. Where there is a third axis both are shown from the side as well.
 
     Raises
     ------
     ValueError
         If the frame has no ground, or the states no place there.
     """
-    ground = frame_of(dataset).ground
-    if ground is None or not has_ground(dataset):
-        raise ValueError(f"ground: states {list(dataset['state'].values)} in {frame_of(dataset)} axes have none")
-    figure, (left, right) = new_figure(columns=2)
-    ends = _draw_tracks(left, dataset, ground)
-    _draw_last_errors(right, dataset, ground)
+    frame, names = frame_of(dataset), place_names(dataset)
+    if frame.ground is None or not has_ground(dataset):
+        raise ValueError(f"ground: states {list(dataset['state'].values)} in {frame} axes have none")
+    platforms, targets = tracks_of(dataset, names)
+    words, rotation = error_axes(frame, len(names))
+    offsets = last_offsets(dataset, names, rotation)
+    views = views_of(frame, len(names), targets[0][0], _longer(frame, platforms, targets))
+    pairs = [(0, 1)] if len(words) < 3 else [(0, 1), (wider_axis(offsets), 2)]
+    shown = looks(dataset)
+    figure, panels = in_pairs(len(views) + len(pairs) * len(shown))
+    for axes, view in zip(panels, views, strict=False):
+        draw_tracks(axes, view, platforms, targets)
+    draw_clouds(figure, panels[len(views) :], offsets, pairs, words, shown)
     figure.suptitle(title(dataset))
-    legend_outside(figure, right, markerscale=2.0)
-    name_places(figure, left, ends, _PLATFORMS)
+    for axes, view in zip(panels, views, strict=False):
+        name_places(figure, axes, {name: view.project(place)[-1] for name, place in platforms.items()}, _PLATFORMS)
     return figure
 
 
-def _positions(dataset: xr.Dataset) -> xr.Dataset:
-    """Return truth and estimates with x, y, z alone, as far as they are there."""
-    placed = [name for name in POSITION if name in dataset["state"].values]
-    return dataset[["truth", "estimate"]].sel(state=placed)
+def in_pairs(count: int) -> tuple[Figure, list[Any]]:
+    """Return a figure and so many axes, two beside each other."""
+    rows = -(-count // 2)
+    figure, panels = new_figure(6.5 if rows == 1 else 0.5 + 5.6 * rows, rows, 2, squeeze=False)
+    every = list(panels.ravel())
+    for unused in every[count:]:
+        unused.remove()
+    return figure, every[:count]
 
 
-def _track(axes: Any, place: Array, project: Project, color: str, label: str | None, width: float) -> Array | None:
-    """Draw a track (time, axes) with a dot at its beginning; return where it ends (2,), None if nowhere."""
-    known = place[np.isfinite(place).all(axis=-1)]
-    if len(known) == 0:
-        return None
-    drawn = project(known)
-    moves = np.ptp(known, axis=0).max() > _AT_REST
+def draw_clouds(
+    figure: Figure,
+    panels: Sequence[Any],
+    offsets: xr.DataArray,
+    pairs: Sequence[tuple[int, int]],
+    words: Sequence[str],
+    shown: Sequence[Mapping[str, Look]],
+) -> None:
+    """Draw the errors of every group of estimators along every pair of axes."""
+    each = len(pairs)
+    for i, group in enumerate(shown):
+        own = panels[i * each : (i + 1) * each]
+        for axes, pair in zip(own, pairs, strict=True):
+            draw_cloud(axes, offsets, pair, (words[pair[0]], words[pair[1]]), group)
+        if len(shown) > 1:
+            legend_beside(own[-1], markerscale=1.5)
+        else:
+            legend_outside(figure, own[0], markerscale=1.5)
+
+
+def _longer(frame: Frame, platforms: Mapping[str, Array], targets: Sequence[Array]) -> int:
+    """Return along which of the two axes of the ground the tracks are longer."""
+    if frame.ground is None:
+        return 0
+    around = targets[0][0]
+    seen = [frame.ground.places(place, around) for place in (*platforms.values(), *targets) if place.size]
+    extent = np.ptp(np.concatenate(seen), axis=0)
+    return int(extent[1] * frame.ground.stretch(around) > extent[0])
+
+
+def tracks_of(dataset: xr.Dataset, names: Sequence[str]) -> tuple[dict[str, Array], list[Array]]:
+    """Return the tracks (time, axes) [m] of the platforms by name, and of the target in a few trials, where known."""
+    truth = dataset["truth"].sel(state=list(names))
+    if "trial" in truth.dims:
+        courses = list(truth.isel(trial=slice(_MOST_TRIALS)).transpose("trial", "time", "state").values)
+    else:
+        courses = [truth.transpose("time", "state").values]
+    known = [course[np.isfinite(course).all(axis=-1)] for course in courses]
+    targets = [course for course in known if len(course)] or [np.zeros((1, len(names)))]
+    if "platforms" not in dataset:
+        return {}, targets
+    states = dataset["platforms"]
+    states = states.isel(trial=0) if "trial" in states.dims else states
+    columns = [POSITION.index(name) for name in names]
+    places = states.transpose("platform", "time", "coordinate").values[..., columns]
+    found = {str(name): place for name, place in zip(dataset["platform"].values, places, strict=True)}
+    finite = {name: place[np.isfinite(place).all(axis=-1)] for name, place in found.items()}
+    return {name: place for name, place in finite.items() if len(place)}, targets
+
+
+def draw_tracks(axes: Any, view: View, platforms: Mapping[str, Array], targets: Sequence[Array]) -> None:
+    """Draw platforms and target as a view has them."""
+    for i, place in enumerate(platforms.values()):
+        _track(axes, place, view, _PLATFORMS, None if i else "platforms", 1.5)
+    for i, course in enumerate(targets):
+        _track(axes, course, view, _TARGET_TRACK, None if i else "target", 2.5 if len(targets) == 1 else 1.0)
+    axes.margins(0.15)
+    if view.stretch is not None:
+        axes.set_aspect(view.stretch, adjustable="datalim")
+    axes.set(xlabel=view.labels[0], ylabel=view.labels[1], title=f"tracks {view.title}, from the dot on")
+    plain_ticks(axes)
+    # below the axes, where it hides no track and no name
+    axes.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3)
+    grid(axes)
+
+
+def _track(axes: Any, place: Array, view: View, color: str, label: str | None, width: float) -> None:
+    """Draw a track (time, axes) with a dot at its beginning."""
+    drawn = view.project(place)
+    moves = np.ptp(place, axis=0).max() > _AT_REST
     if moves:
         axes.plot(drawn[:, 0], drawn[:, 1], color=color, linewidth=width, label=label)
     axes.plot(drawn[:1, 0], drawn[:1, 1], "o", color=color, markersize=6, label=None if moves else label)
-    return np.asarray(drawn[-1])
-
-
-def _draw_tracks(axes: Any, dataset: xr.Dataset, ground: Ground) -> dict[str, Array]:
-    """Draw platforms and target; return where the platforms end, by name."""
-    known = _positions(dataset)["truth"]
-    if "trial" in known.dims:
-        target = known.isel(trial=slice(_MOST_TRIALS)).transpose("trial", "time", "state").values
-    else:
-        target = known.values[None]
-
-    def project(places: Array) -> Array:
-        return ground.places(places, target[0, 0])
-
-    ends = _draw_platforms(axes, dataset["platforms"], project) if "platforms" in dataset else {}
-    for i, course in enumerate(target):
-        _track(axes, course, project, _TARGET_TRACK, None if i else "target", 2.5 if len(target) == 1 else 1.0)
-    axes.set_aspect(ground.stretch(target[0, 0]), adjustable="datalim")
-    axes.set(xlabel=ground.labels[0], ylabel=ground.labels[1], title="tracks along the ground, from the dot on")
-    axes.margins(0.15)
-    plain_ticks(axes)
-    # below the axes, where it hides no track and no name
-    axes.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
-    grid(axes)
-    return ends
-
-
-def _draw_platforms(axes: Any, platforms: xr.DataArray, project: Project) -> dict[str, Array]:
-    states = platforms if "trial" not in platforms.dims else platforms.isel(trial=0)
-    places = states.transpose("platform", "time", "coordinate").values[..., :3]
-    ends = {}
-    for i, (name, place) in enumerate(zip(platforms["platform"].values, places, strict=True)):
-        end = _track(axes, place, project, _PLATFORMS, None if i else "platforms", 1.5)
-        if end is not None:
-            ends[str(name)] = end
-    return ends
-
-
-def _draw_last_errors(axes: Any, dataset: xr.Dataset, ground: Ground) -> None:
-    last = _positions(dataset).isel(time=-1, trial=slice(_MOST_DOTS))
-    all_trials = dataset.sizes["trial"] <= _MOST_DOTS
-    truth = last["truth"].values
-    estimate = last["estimate"].transpose("estimator", "trial", "state").values
-    offset = ground.offsets(truth, estimate - truth)
-    clouds = [cloud[np.isfinite(cloud).all(axis=-1)] for cloud in offset]
-    unit = "km" if max((np.abs(cloud).max(initial=0.0) for cloud in clouds), default=0.0) > _IN_KM else "m"
-    widths = [np.square(cloud).sum() / max(len(cloud), 1) for cloud in clouds]
-    wider = np.argsort(np.argsort(widths, kind="stable"))  # the wider a cloud the lower it lies
-    for cloud, rank, (name, look) in zip(clouds, wider, looks(dataset).items(), strict=True):
-        x, y = cloud.T / (_KM if unit == "km" else 1.0)
-        axes.plot(x, y, label=name, zorder=3 - 0.01 * rank, **look.dots())
-    if not any(map(len, clouds)):
-        axes.set(xlim=(-1, 1), ylim=(-1, 1))  # nothing but the truth
-    beyond = _leave_out_the_lost(axes, np.concatenate(clouds) / (_KM if unit == "km" else 1.0))
-    axes.axhline(0, color="0.6", linewidth=0.8)
-    axes.axvline(0, color="0.6", linewidth=0.8)
-    axes.plot(0, 0, "+", color=_TARGET, markersize=14, markeredgewidth=2, zorder=4)
-    dots = "one dot per trial" if all_trials else f"the first {_MOST_DOTS} trials"
-    # limits that are set stay: a smaller box then, for matplotlib would overrule them
-    axes.set_aspect("equal", adjustable="box" if beyond else "datalim")
-    axes.set(
-        xlabel=f"{ground.offset_labels[0]} [{unit}]",
-        ylabel=f"{ground.offset_labels[1]} [{unit}]",
-        title=f"estimate minus truth at {float(last['time']):g} s, {dots}{beyond}",
-    )
-    axes.locator_params(axis="x", nbins=6)
-    grid(axes)
-
-
-def reach(dots: ArrayLike) -> tuple[float | None, int]:
-    """Return where an axis may end so that a few dots far off do not press the others into one point.
-
-    Parameters
-    ----------
-    dots : array_like, shape (n, 2)
-        Around the origin.
-
-    Returns
-    -------
-    edge : float or None
-        Half the width of the axes; None where all dots belong together.
-    beyond : int
-        How many dots lie outside.
-    """
-    far = np.abs(np.asarray(dots, dtype=float)).max(axis=-1, initial=0.0)
-    far = far[np.isfinite(far)]
-    edge = _EDGE * float(np.percentile(far, _MOST_OF_THEM)) if far.size else 0.0
-    if not 0 < _EDGE * edge < far.max(initial=0.0):
-        return None, 0
-    return edge, int(np.count_nonzero(far > edge))
-
-
-def _leave_out_the_lost(axes: Any, dots: Array) -> str:
-    """Limit the axes where a few dots (n, 2) are so far off that nothing else could be seen; say how many."""
-    edge, beyond = reach(dots)
-    if edge is None:
-        return ""
-    axes.set(xlim=(-edge, edge), ylim=(-edge, edge))
-    return f"\n({beyond} beyond the edge)"

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from quietfix.diagrams.figures.style import grid, new_figure, time_label, title
+from quietfix.diagrams.figures.shared.style import grid, new_figure, time_label, title
 
 __all__ = ["draw_models", "with_models"]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from quietfix.diagrams.figures.style import PlainLog, grid, log_scale, new_figure, save
+from quietfix.diagrams.figures.shared.style import PlainLog, grid, log_scale, new_figure, save
 
 __all__ = ["draw_observability", "observe_figures"]
 

@@ -7,7 +7,17 @@ from typing import Any
 import xarray as xr
 from matplotlib.figure import Figure
 
-from quietfix.diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure, time_label, title
+from quietfix.diagrams.figures.shared.style import (
+    grid,
+    legend_above,
+    legend_beside,
+    log_scale,
+    looks,
+    looks_of,
+    new_figure,
+    time_label,
+    title,
+)
 from quietfix.diagrams.statistics.tally import range_over_trials
 from quietfix.systems.filters.particle.health import LEAST_EVIDENCE
 
@@ -46,28 +56,37 @@ def draw_particle_health(dataset: xr.Dataset) -> Figure:
     names = particle_filters(dataset)
     if not names:
         raise ValueError("particle health: the result has none; a particle filter and keep='measurements' are needed")
-    figure, panels = new_figure(height=10.0, rows=len(_PANELS), sharex=True)
-    time, shown = dataset["time"].values, looks(dataset)
-    for axes, (port, label) in zip(panels, _PANELS, strict=True):
-        for name in names:
-            _draw(axes, time, range_over_trials(dataset[f"{port}_{name}"][..., 0]), name, shown[name])
-        axes.set(ylabel=label, xlim=(time[0], time[-1]))
-        if port != "recent_evidence":
-            log_scale(axes)
-        grid(axes)
-    panels[-1].axhline(LEAST_EVIDENCE, color="0.3", linewidth=1.2, linestyle=":")
-    panels[-1].annotate(
+    every = looks(dataset)
+    # with a colour for each in every figure; otherwise with colours of their own
+    shown = [{name: every[0][name] for name in names}] if len(every) == 1 else looks_of(names)
+    figure, columns = new_figure(10.0, len(_PANELS), len(shown), sharex=True, sharey="row", squeeze=False)
+    time = dataset["time"].values
+    for group, panels in zip(shown, columns.T, strict=True):
+        for axes, (port, label) in zip(panels, _PANELS, strict=True):
+            for name, look in group.items():
+                _draw(axes, time, range_over_trials(dataset[f"{port}_{name}"][..., 0]), name, look)
+            axes.set(ylabel=label, xlim=(time[0], time[-1]) if time[-1] > time[0] else None)
+            if port != "recent_evidence":
+                log_scale(axes)
+            grid(axes)
+        _threshold(panels[-1], time[-1])
+        panels[-1].set_xlabel(time_label(dataset))
+        place = legend_above if len(shown) > 1 else legend_beside
+        place(panels[0], title="median; range over trials")
+    figure.suptitle(title(dataset))
+    return figure
+
+
+def _threshold(axes: Any, end: float) -> None:
+    axes.axhline(LEAST_EVIDENCE, color="0.3", linewidth=1.2, linestyle=":")
+    axes.annotate(
         f"diverged below {LEAST_EVIDENCE:g}",
-        (time[-1], LEAST_EVIDENCE),
+        (end, LEAST_EVIDENCE),
         xytext=(-4, -4),
         textcoords="offset points",
         ha="right",
         va="top",
     )
-    panels[-1].set_xlabel(time_label(dataset))
-    figure.suptitle(title(dataset))
-    legend_outside(figure, panels[0], title="median; range over trials")
-    return figure
 
 
 def _draw(axes: Any, time: Any, numbers: Any, name: str, look: Any) -> None:

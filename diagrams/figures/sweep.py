@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from quietfix.diagrams.figures.style import grid, legend_outside, log_scale, looks, new_figure
+from quietfix.diagrams.figures.shared.curves import labelled
+from quietfix.diagrams.figures.shared.limits import curve_span, mark_beyond
+from quietfix.diagrams.figures.shared.style import (
+    OTHERS,
+    Look,
+    grid,
+    legend_above,
+    legend_beside,
+    log_scale,
+    looks_of,
+    new_figure,
+)
 
 __all__ = ["draw_sweep"]
 
+_INTERVAL = ("value", "low", "high")
 _PANELS = (
     ("rmse_position_m", "position RMSE [m]"),
     ("efficiency", "RMSE / bound"),
@@ -37,42 +48,68 @@ def draw_sweep(found: Mapping[str, Any], geometric: bool = False) -> Figure:
     matplotlib.figure.Figure
     """
     rows, values = found["estimators"], np.array(found["values"])
-    shown = looks(xr.Dataset(coords={"estimator": list(rows)}))
+    shown = looks_of(list(rows))
     panels = [p for p in _PANELS if any(e["value"] is not None for row in rows.values() for e in row[p[0]])]
-    figure, axes = new_figure(2.2 + 2.7 * len(panels), len(panels), 1, sharex=True, squeeze=False)
-    for (metric, label), axis in zip(panels, axes[:, 0], strict=True):
-        for name, look in shown.items():
-            centre, low, high = (
-                np.array([np.nan if e[part] is None else e[part] for e in rows[name][metric]], dtype=float)
-                for part in ("value", "low", "high")
-            )
-            axis.fill_between(values, low, high, color=look.color, alpha=0.18, linewidth=0)
-            axis.plot(values, centre, label=name, marker="o", markersize=5, **look.line())
-        if metric != "rmse_position_m":
-            axis.axhline(1.0, color="0.4", linewidth=1.0, zorder=0)
-        if metric == "nees_per_state":
-            _consistent(axis, values, next(iter(rows.values()))["nees_band"])
-        log_scale(axis)
-        axis.set_ylabel(label)
-        grid(axis)
-    bottom = axes[-1, 0]
-    if geometric:
-        bottom.set_xscale("log")
-        bottom.set_xticks(values, [f"{value:g}" for value in values])
-        bottom.xaxis.set_minor_locator(NullLocator())
-    bottom.set_xlabel(found["key"])
+    figure, every = new_figure(
+        2.8 + 2.7 * len(panels), len(panels), len(shown), sharex=True, sharey="row", squeeze=False
+    )
+    for group, axes in zip(shown, every.T, strict=True):
+        for (metric, label), axis in zip(panels, axes, strict=True):
+            _draw(axis, values, rows, metric, group)
+            if axis in every[:, 0]:
+                axis.set_ylabel(label)
+        bottom = axes[-1]
+        if geometric:
+            bottom.set_xscale("log")
+            bottom.set_xticks(values, [f"{value:g}" for value in values])
+            bottom.xaxis.set_minor_locator(NullLocator())
+        bottom.set_xlabel(found["key"])
     variant = f":{found['variant']}" if found["variant"] else ""
     times = sorted(set(found["time_s"]))
     when = f"{times[0]:g} s" if len(times) == 1 else f"{times[0]:g} to {times[-1]:g} s"
     figure.suptitle(f"{found['system']}{variant}, at {when}, {found['trials']} trials, seed {found['seed']}")
-    percent = f"{100 * found['confidence']:g} %"
-    extra = [
-        Line2D([], [], color=next(iter(shown.values())).color, alpha=0.2, linewidth=8, label=f"{percent} interval"),
-        Line2D([], [], color="0.6", alpha=0.5, linewidth=8, label=f"{percent} band of a\nconsistent filter"),
-    ]
-    legend_outside(figure, axes[0, 0], extra)
+    _legends(every, f"{100 * found['confidence']:g} %", len(shown) > 1)
     figure.align_ylabels()
     return figure
+
+
+def _draw(axis: Any, values: Any, rows: Mapping[str, Any], metric: str, group: Mapping[str, Look]) -> None:
+    """Draw one panel: the estimators of a group with their intervals, the others in grey."""
+    curves = {name: _parts(row[metric]) for name, row in rows.items()}
+    span = curve_span([centre for centre, _, _ in curves.values()])
+    for name, (centre, _, _) in curves.items():
+        if name not in group:
+            axis.plot(values, centre, color=OTHERS, linewidth=1.0, zorder=1)
+    for name, look in group.items():
+        centre, low, high = curves[name]
+        axis.fill_between(values, low, high, color=look.color, alpha=0.18, linewidth=0)
+        told = span.told(centre)
+        axis.plot(values, centre, label=labelled(name, told), **{"marker": look.marker, "markersize": 6}, **look.line())
+        mark_beyond(axis, values, centre, span, look.color)
+    if metric != "rmse_position_m":
+        axis.axhline(1.0, color="0.4", linewidth=1.0, zorder=0)
+    if metric == "nees_per_state":
+        _consistent(axis, values, next(iter(rows.values()))["nees_band"])
+    log_scale(axis)
+    span.limit(axis)
+    grid(axis)
+
+
+def _parts(entries: Sequence[Mapping[str, float | None]]) -> tuple[Any, Any, Any]:
+    """Return values and the ends of their intervals."""
+    numbers = [[np.nan if entry[part] is None else entry[part] for entry in entries] for part in _INTERVAL]
+    value, low, high = np.array(numbers, dtype=float)
+    return value, low, high
+
+
+def _legends(every: Any, percent: str, several: bool) -> None:
+    extra = [
+        Line2D([], [], color="0.4", alpha=0.3, linewidth=8, label=f"{percent} interval"),
+        Line2D([], [], color="0.6", alpha=0.5, linewidth=8, label=f"{percent} band of a\nconsistent filter"),
+    ]
+    for axis in every[0]:
+        # beside each other there is no room beside them
+        (legend_above if several else legend_beside)(axis, extra, several)
 
 
 def _consistent(axis: Any, values: Any, bands: list[dict[str, float] | None]) -> None:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from quietfix.diagrams.figures.style import grid, new_figure
+from quietfix.diagrams.figures.shared.style import grid, new_figure
 
 __all__ = ["VerdictRow", "draw_verification"]
 

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.colors import to_hex
 
-from quietfix.diagrams.figures.style import looks
+from quietfix.diagrams.figures.shared.style import COLOURS
 from quietfix.diagrams.pages.numbers import rounded, thinned
 from quietfix.diagrams.quantities.frame import UNITS
 from quietfix.diagrams.statistics.consistency import chi_square_band
@@ -24,10 +23,9 @@ _DASHES = ("solid", "dash", "dot", "dashdot")
 
 def estimators(dataset: xr.Dataset) -> list[dict[str, str]]:
     """Return names, colours and dashes of the estimators, the same in every part of the page."""
-    shown = looks(dataset)
     return [
-        {"name": name, "color": to_hex(look.color), "dash": _DASHES[i % len(_DASHES)]}
-        for i, (name, look) in enumerate(shown.items())
+        {"name": str(name), "color": COLOURS[i % len(COLOURS)], "dash": _DASHES[i % len(_DASHES)]}
+        for i, name in enumerate(dataset["estimator"].values)
     ]
 
 

@@ -2,72 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from quietfix.diagrams.figures.ground import reach
+from quietfix.diagrams.figures.shared.limits import reach
+from quietfix.diagrams.figures.shared.views import ABOVE, error_axes, place_names, views_of
 from quietfix.diagrams.pages.coast import coast_within
 from quietfix.diagrams.pages.numbers import rounded, thinned
-from quietfix.diagrams.quantities.frame import Frame, frame_of
+from quietfix.diagrams.quantities.frame import frame_of
 from quietfix.diagrams.quantities.states import POSITION
 
-__all__ = ["Axes", "error_axes", "last_errors", "place_names", "views"]
+__all__ = ["last_errors", "views"]
 
 Array = NDArray[np.float64]
-Axes = tuple[list[str], Callable[[Array], Array]]
-View = tuple[str, tuple[str, str], Callable[[Array], Array], float | None]
 
 _MOST_POINTS, _MOST_TRIALS, _MOST_DOTS = 300, 12, 400
-_KM = 1e3
-_ABOVE = "from above"
 _ROUND = 2.0  # deg: coast lines that are kept beyond a map at least, for who zooms out
-
-
-def place_names(dataset: xr.Dataset) -> list[str]:
-    """Return the components of the state that make a place."""
-    known = {str(name) for name in dataset["state"].values}
-    return [name for name in POSITION if name in known]
-
-
-def error_axes(frame: Frame, size: int) -> Axes:
-    """Return the axes in which errors are shown: two along the ground, and up where there is a third.
-
-    Parameters
-    ----------
-    frame : Frame
-        Of the states.
-    size : int
-        Components of a place, 2 or 3.
-
-    Returns
-    -------
-    names : list of str
-        Of the axes.
-    rotation : callable
-        Places (..., size) -> (..., axes, size): a difference of places times it is one along the axes.
-    """
-    if frame.ground is None or size < len(frame.ground.components):
-        return list(POSITION[:size]), lambda places: np.broadcast_to(np.eye(size), (*places.shape[:-1], size, size))
-    ground, upward = frame.ground, frame.up
-    level = [ground.offset_labels[0], ground.offset_labels[1]]
-
-    def rotation(places: Array) -> Array:
-        unit = np.broadcast_to(np.eye(size), (*places.shape[:-1], size, size))
-        along = np.swapaxes(ground.offsets(places[..., None, :], unit), -1, -2)
-        if size < 3:
-            return along
-        if upward is not None:
-            third = upward(places)
-        else:  # the axis that the ground leaves
-            third = np.broadcast_to(np.cross(along[..., 0, :], along[..., 1, :]), places.shape)
-            third = third * np.where(third.sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
-        return np.concatenate([along, third[..., None, :]], axis=-2)
-
-    return (level if size < 3 else [*level, "up"]), rotation
 
 
 def views(dataset: xr.Dataset) -> list[dict[str, Any]]:
@@ -88,7 +42,7 @@ def views(dataset: xr.Dataset) -> list[dict[str, Any]]:
         return []
     around = known[0][0]
     found = []
-    for title, labels, project, stretch in _projections(frame, len(names), around):
+    for title, labels, project, stretch in views_of(frame, len(names), around):
         drawn = []
         for name, kind, place in tracks:
             if place.shape[-1] < len(names):
@@ -96,7 +50,7 @@ def views(dataset: xr.Dataset) -> list[dict[str, Any]]:
             flat = project(place)
             drawn.append({"name": name, "kind": kind, "x": rounded(flat[:, 0]), "y": rounded(flat[:, 1])})
         told = {"title": title, "x": labels[0], "y": labels[1], "stretch": stretch, "tracks": drawn}
-        found.append(told | (_coast(drawn) if frame.geodetic and title == _ABOVE else {}))
+        found.append(told | (_coast(drawn) if frame.geodetic and title == ABOVE else {}))
     return found
 
 
@@ -142,40 +96,6 @@ def _tracks(dataset: xr.Dataset, names: list[str]) -> list[tuple[str, str, Array
     return kept
 
 
-def _projections(frame: Frame, size: int, around: Array) -> list[View]:
-    """Return title, labels, projection and stretch of each view."""
-    ground, height = frame.ground, frame.height
-    if ground is None or size < len(ground.components):
-        pairs = [(0, 1)] if size < 3 else [(0, 1), (0, 2)]
-        return [_plane(a, b) for a, b in pairs]
-
-    def above(places: Array) -> Array:
-        return ground.places(places, around)
-
-    shown: list[View] = [(_ABOVE, ground.labels, above, ground.stretch(around))]
-    if size < 3:
-        return shown
-    if height is not None:
-
-        def side(places: Array) -> Array:
-            return np.stack([above(places)[:, 0], height(places) / _KM], axis=-1)
-
-        return [*shown, ("from the side", (ground.labels[0], "height [km]"), side, None)]
-    _, rotation = error_axes(frame, size)
-
-    def launched(places: Array) -> Array:
-        up = (rotation(places)[..., 2, :] * places).sum(axis=-1) / _KM
-        return np.stack([above(places)[:, 0], up], axis=-1)
-
-    return [*shown, ("from the side", (ground.labels[0], "up [km]"), launched, 1.0)]
-
-
-def _plane(a: int, b: int) -> View:
-    """Return the view of two of the axes themselves."""
-    labels = f"{POSITION[a]} [km]", f"{POSITION[b]} [km]"
-    return f"{POSITION[a]} and {POSITION[b]}", labels, lambda places: places[:, [a, b]] / _KM, 1.0
-
-
 def last_errors(dataset: xr.Dataset) -> dict[str, Any] | None:
     """Return errors along two axes at the last epoch, of at most 400 trials; None where there are none."""
     names = place_names(dataset)
@@ -187,10 +107,9 @@ def last_errors(dataset: xr.Dataset) -> dict[str, Any] | None:
     truth = last["truth"].values
     estimate = last["estimate"].transpose("estimator", "trial", "state").values
     offset = np.einsum("...ij,...j->...i", rotation(np.broadcast_to(truth, estimate.shape)), estimate - truth)[..., :2]
-    dots = offset[np.isfinite(offset).all(axis=-1)]
-    if not len(dots):
+    if not np.isfinite(offset).all(axis=-1).any():
         return None
-    edge, beyond = reach(dots)
+    edge, beyond = reach(offset)
     clouds = {
         str(name): {"x": rounded(cloud[:, 0]), "y": rounded(cloud[:, 1])}
         for name, cloud in zip(dataset["estimator"].values, offset, strict=True)

@@ -137,15 +137,13 @@ class Ensemble:
         """Return whether any trial has an error of it."""
         return any(float(self.sums[f"{kind}_{quantity}"].sum()) > 0 for kind in ("known", "idle"))
 
-    def rmse(self, quantity: str, started: bool = True) -> xr.DataArray:
-        """Return the root mean square error over the trials.
+    def rmse(self, quantity: str) -> xr.DataArray:
+        """Return the root mean square error over the trials that started.
 
         Parameters
         ----------
         quantity : str
             One of `quantities`.
-        started : bool
-            Leave out the trials that never started; else they are lost, and it is infinite where there is one.
 
         Returns
         -------
@@ -153,9 +151,6 @@ class Ensemble:
             NaN where no truth is known.
         """
         squares, known = self.sums[f"squares_{quantity}"], self.sums[f"known_{quantity}"]
-        if not started:
-            more = self.sums[f"idle_{quantity}"]
-            squares, known = np.where(more > 0, np.inf, squares), known + more
         with np.errstate(invalid="ignore"):
             return self._curve((squares / np.where(known > 0, known, np.nan)) ** 0.5)
 
@@ -169,18 +164,13 @@ class Ensemble:
         return self._curve(self._percentiles[0])
 
     @property
-    def median(self) -> xr.DataArray:
-        """Median of all position errors (estimator, time) [m]; those of trials that never started are infinite."""
-        return self._curve(self._percentiles[1])
-
-    @property
-    def ninety(self) -> xr.DataArray:
+    def ninety_of_started(self) -> xr.DataArray:
         """The 90 % point of the same."""
-        return self._curve(self._percentiles[2])
+        return self._curve(self._percentiles[1])
 
     @cached_property
     def _percentiles(self) -> Array:
-        """Return the three (3, estimator, time), in one pass over the result."""
+        """Return the two (2, estimator, time), in one pass over the result."""
         sizes = {name: self.dataset.sizes[name] for name in ("estimator", "trial", "time")}
         count, epochs = sizes["trial"], sizes["time"]
         never = np.zeros((sizes["estimator"], count), dtype=bool)
@@ -191,9 +181,7 @@ class Ensemble:
             columns.put(trials.start, position.values.reshape(position.sizes["trial"], -1))
         found = []
         for some, numbers in columns.take():
-            every = percentiles_of(numbers, (50.0, 90.0))
             out = never[np.arange(some.start, some.stop) // epochs].T
-            started = percentiles_of(np.where(out, np.nan, numbers), (50.0,)) if out.any() else every[:1]
-            found.append(np.concatenate([started, every]))
+            found.append(percentiles_of(np.where(out, np.nan, numbers) if out.any() else numbers, (50.0, 90.0)))
         columns.close()
-        return np.concatenate(found, axis=-1).reshape(3, sizes["estimator"], epochs)
+        return np.concatenate(found, axis=-1).reshape(2, sizes["estimator"], epochs)

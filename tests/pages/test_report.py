@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from quietfix.diagrams.commands.command_line import main
-from quietfix.diagrams.figures.ground import reach
+from quietfix.diagrams.figures.shared.limits import reach
+from quietfix.diagrams.figures.shared.views import error_axes
 from quietfix.diagrams.pages.courses import courses, final_errors
 from quietfix.diagrams.pages.numbers import rounded, thinned
 from quietfix.diagrams.pages.picture import inline_svg
-from quietfix.diagrams.pages.places import error_axes, views
+from quietfix.diagrams.pages.places import views
 from quietfix.diagrams.pages.report import report_page
 from quietfix.diagrams.quantities.frame import FRAMES
 from quietfix.diagrams.scale.asked import for_a_page

@@ -145,7 +145,7 @@ class Comparing:
     def _write(self, folder: OutputFolder) -> None:
         from quietfix.diagrams.figures import study_figures
         from quietfix.diagrams.figures.comparison import draw_comparison
-        from quietfix.diagrams.figures.style import save
+        from quietfix.diagrams.figures.shared.style import save
         from quietfix.diagrams.statistics.metrics import summarise
 
         assert folder.ledger is not None

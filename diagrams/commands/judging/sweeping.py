@@ -67,7 +67,7 @@ def _print(found: dict[str, Any]) -> None:
 
 def _run_into(planned: Sweep, folder: OutputFolder, crew: Crew) -> dict[str, Any]:
     """Run what is left of a sweep, and write it."""
-    from quietfix.diagrams.figures.style import save
+    from quietfix.diagrams.figures.shared.style import save
     from quietfix.diagrams.figures.sweep import draw_sweep
 
     with folder:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from quietfix.diagrams.console.answer import tell
 from quietfix.diagrams.console.tables import print_table
 from quietfix.diagrams.console.terminal import done, say
-from quietfix.diagrams.figures.style import save
+from quietfix.diagrams.figures.shared.style import save
 from quietfix.diagrams.figures.verification import VerdictRow, draw_verification
 from quietfix.diagrams.scale.crew import Crew
 from quietfix.diagrams.scale.resuming import begun_or_interrupted, keeping

@@ -37,7 +37,7 @@ def plot_command(path: Path, out: Path | None, overwrite: bool, trust: bool) -> 
 
 def _sweep(result: Opened, folder: Path) -> dict[str, str]:
     from quietfix.diagrams.experiments.sweep import sweep_statistics
-    from quietfix.diagrams.figures.style import save
+    from quietfix.diagrams.figures.shared.style import save
     from quietfix.diagrams.figures.sweep import draw_sweep
 
     found = sweep_statistics(result.dataset.load())
@@ -64,7 +64,7 @@ def _study(result: Opened, folder: Path, trust: bool) -> dict[str, str]:
 
 def _comparison(file: Path, folder: Path) -> None:
     from quietfix.diagrams.figures.comparison import draw_comparison
-    from quietfix.diagrams.figures.style import save
+    from quietfix.diagrams.figures.shared.style import save
 
     try:
         found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))

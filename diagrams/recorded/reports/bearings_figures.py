@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from quietfix.diagrams.figures.style import grid, new_figure
+from quietfix.diagrams.figures.shared.style import grid, new_figure
 from quietfix.systems.fixes.von_mises import sample
 
 __all__ = ["draw_fixes", "draw_lines"]

@@ -214,7 +214,7 @@ class BearingsReport:
 
     def draw(self, folder: Path) -> list[Path]:
         """See `Report.draw`: the lines of bearing and the fixes; and the files of places."""
-        from quietfix.diagrams.figures.style import save
+        from quietfix.diagrams.figures.shared.style import save
         from quietfix.diagrams.recorded.reports.bearings_figures import draw_lines
 
         fixes = {name: (fix.position, fix.believable) for name, fix in self.fixes.items() if fix.there}

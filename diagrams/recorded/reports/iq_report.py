@@ -137,7 +137,7 @@ class IqReport:
 
     def draw(self, folder: Path) -> list[Path]:
         """See `Report.draw`: figure, the same numbers as CSV, measurements as a table, and what the position gave."""
-        from quietfix.diagrams.figures.style import save
+        from quietfix.diagrams.figures.shared.style import save
         from quietfix.diagrams.recorded.reports.iq_figures import draw_differences
 
         pairs = {

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from quietfix.diagrams.figures.style import grid, new_figure
+from quietfix.diagrams.figures.shared.style import grid, new_figure
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef
 from quietfix.systems.geometry.wave_path import WavePath

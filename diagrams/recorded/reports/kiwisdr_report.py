@@ -317,7 +317,7 @@ class KiwiReport:
 
     def draw(self, folder: Path) -> list[Path]:
         """See `Report.draw`: time differences against time, and the map."""
-        from quietfix.diagrams.figures.style import save
+        from quietfix.diagrams.figures.shared.style import save
         from quietfix.diagrams.recorded.reports.kiwisdr_figures import draw_differences, draw_map
 
         fix = self.fix

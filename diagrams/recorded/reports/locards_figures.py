@@ -9,7 +9,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from quietfix.diagrams.figures.style import grid, new_figure
+from quietfix.diagrams.figures.shared.style import grid, new_figure
 from quietfix.systems.earth.geodetic import ecef_to_geodetic
 
 __all__ = ["draw_errors", "draw_map", "draw_track_errors"]

@@ -251,7 +251,7 @@ class LocardsReport:
 
     def draw(self, folder: Path) -> list[Path]:
         """See `Report.draw`; the estimates are written beside the figures."""
-        from quietfix.diagrams.figures.style import save
+        from quietfix.diagrams.figures.shared.style import save
         from quietfix.diagrams.recorded.reports.locards_figures import draw_errors, draw_map, draw_track_errors
 
         scores, known = self.all, self.all.known

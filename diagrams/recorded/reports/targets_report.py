@@ -356,7 +356,7 @@ class TargetsReport:
 
     def draw(self, folder: Path) -> list[Path]:
         """See `Report.draw`: observers and fixes; and the files of places."""
-        from quietfix.diagrams.figures.style import save
+        from quietfix.diagrams.figures.shared.style import save
         from quietfix.diagrams.recorded.reports.bearings_figures import draw_fixes
 
         tracks = self.tracks()

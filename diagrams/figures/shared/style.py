@@ -1,23 +1,33 @@
-"""What all figures share: size, colours, titles, saving."""
+"""The manner of all figures: size, colours, titles, saving."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import xarray as xr
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatter
+from numpy.typing import NDArray
 
 __all__ = [
+    "COLOURS",
+    "OTHERS",
     "Look",
     "PlainLog",
     "grid",
+    "grouped_figure",
+    "groups",
+    "legend_above",
+    "legend_beside",
     "legend_outside",
     "log_scale",
     "looks",
+    "looks_of",
     "new_figure",
     "save",
     "time_label",
@@ -28,11 +38,13 @@ _DPI = 100
 _WIDTH = 12.0  # inches: 1200 pixels
 _FONT: Any = {"font.size": 13, "axes.titlesize": 14, "figure.titlesize": 15, "legend.fontsize": 11}
 # Okabe and Ito, *Color universal design* (2008): told apart with every kind of colour vision, on white.
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+"""Of what stands side by side on axes, the first one first."""
+OTHERS = "0.82"
+"""Of what stands behind it, to compare with."""
 _DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), "-", (0, (6, 2)), (0, (2, 1.5)))
 _WIDTHS = (3.2, 2.4, 2.0, 2.0, 2.0, 2.0, 2.0)  # the first is thick, so that one that lies on it shows both
-
-_MARKERS, _HATCHES = (".", "x", "^"), ("", "///", "...")
+_MARKERS, _SIZES = ("o", "x", "^", "+", "s", "v", "d"), (4, 5, 4, 6, 3.5, 4, 4)
 
 
 class Look(NamedTuple):
@@ -42,7 +54,7 @@ class Look(NamedTuple):
     linestyle: Any
     linewidth: float
     marker: str
-    hatch: str
+    markersize: float
 
     def line(self) -> dict[str, Any]:
         """Return the keywords of a line."""
@@ -50,28 +62,77 @@ class Look(NamedTuple):
 
     def bar(self) -> dict[str, Any]:
         """Return the keywords of a bar."""
-        return {"color": self.color, "hatch": self.hatch, "edgecolor": "white", "linewidth": 0}
+        return {"color": self.color, "edgecolor": "white", "linewidth": 0}
 
     def dots(self) -> dict[str, Any]:
         """Return the keywords of a cloud of dots."""
-        return {"color": self.color, "marker": self.marker, "markersize": 5, "linestyle": "none"}
+        return {
+            "color": self.color,
+            "marker": self.marker,
+            "markersize": self.markersize,
+            "markeredgewidth": 1.0 if self.marker in "x+" else 0.0,
+            "linestyle": "none",
+        }
 
 
-def looks(dataset: xr.Dataset) -> dict[str, Look]:
-    """Return the look of each estimator, by its place in the result."""
-    names = [str(name) for name in dataset["estimator"].values]
-    size = len(_COLOURS)
-    # from the eighth on the colours come again, with the next dashes, marker and hatch, and thin
-    return {
-        name: Look(
-            _COLOURS[i % size],
-            _DASHES[(i + i // size) % size],
-            _WIDTHS[min(i, size - 1)],
-            _MARKERS[i // size % len(_MARKERS)],
-            _HATCHES[i // size % len(_HATCHES)],
-        )
-        for i, name in enumerate(names)
-    }
+def groups(names: Sequence[str]) -> list[list[str]]:
+    """Return names in groups that have a colour for each, as alike in size as can be, in their order."""
+    count = max(1, -(-len(names) // len(COLOURS)))
+    each, more = divmod(len(names), count)
+    ends = [each * (i + 1) + min(i + 1, more) for i in range(count)]
+    return [list(names[begin:end]) for begin, end in pairwise([0, *ends])]
+
+
+def looks_of(names: Sequence[str]) -> list[dict[str, Look]]:
+    """Return the look of each name, group by group: no two of a group share a colour."""
+    return [
+        {name: Look(COLOURS[i], _DASHES[i], _WIDTHS[i], _MARKERS[i], _SIZES[i]) for i, name in enumerate(group)}
+        for group in groups(names)
+    ]
+
+
+def looks(dataset: xr.Dataset) -> list[dict[str, Look]]:
+    """Return the look of each estimator, group by group, by its place in the result."""
+    return looks_of([str(name) for name in dataset["estimator"].values])
+
+
+def grouped_figure(
+    shown: Sequence[Mapping[str, Look]], height: float = 6.5, columns: int = 1, **keywords: Any
+) -> tuple[Figure, NDArray[Any]]:
+    """Return a figure with a row of axes for each group: (groups, columns) of them.
+
+    Parameters
+    ----------
+    shown : sequence of mapping
+        From `looks`.
+    height : float
+        Of a figure of one group [inches].
+    columns : int
+        Of axes.
+    **keywords
+        For `new_figure`.
+    """
+    rows = len(shown)
+    tall = height if rows == 1 else 1.0 + 0.68 * height * rows
+    return new_figure(tall, rows, columns, squeeze=False, **keywords)
+
+
+def legend_beside(axes: Any, extra: Sequence[Any] = (), others: bool = False, **keywords: Any) -> None:
+    """Put a legend to the right of its axes, with `extra` entries below, and what stands behind in grey."""
+    _legend(axes, extra, others, loc="upper left", bbox_to_anchor=(1.01, 1.0), **keywords)
+
+
+def legend_above(axes: Any, extra: Sequence[Any] = (), others: bool = False, **keywords: Any) -> None:
+    """Put the same legend above its axes, where several stand side by side."""
+    _legend(axes, extra, others, loc="lower left", bbox_to_anchor=(0.0, 1.02), **keywords)
+
+
+def _legend(axes: Any, extra: Sequence[Any], others: bool, **keywords: Any) -> None:
+    with rc_context(_FONT):
+        handles = [*axes.get_legend_handles_labels()[0], *extra]
+        if others:
+            handles.append(Line2D([], [], color=OTHERS, linewidth=1.5, label="the others"))
+        axes.legend(handles=handles, borderaxespad=0, frameon=False, **keywords)
 
 
 def new_figure(height: float = 6.5, rows: int = 1, columns: int = 1, **keywords: Any) -> tuple[Figure, Any]:
