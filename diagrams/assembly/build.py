@@ -11,6 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from quietfix.diagrams.assembly.biased import biased
 from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.assembly.checks import check_assumed
+from quietfix.diagrams.assembly.late import LateRefusal, refusals
 from quietfix.diagrams.assembly.model import Assumed, Model
 from quietfix.diagrams.quantities.frame import LOCAL
 from quietfix.diagrams.schema.errors import UserError
@@ -90,7 +91,7 @@ class Assembly:
     @property
     def sensed(self) -> OutputPort:
         """Its finite rows say what was measured at all, for the bounds; the rows of the stream come first on it."""
-        return self.bus["raw" if "raw" in self.bus else "measurement"]
+        return self.bus[next(signal for signal in ("sensed", "raw", "measurement") if signal in self.bus)]
 
     @property
     def course(self) -> dict[str, OutputPort]:
@@ -225,7 +226,14 @@ def build(model: Model, builder: DiagramBuilder, options: Mapping[str, Any], tri
         bus.publish(known=bus["platforms"])
     if model.late is not None:
         model.late.add(bus, model.clock, model.duration)
-    blocks = {name: _estimator(model, bus, name, option) for name, option in options.items()}
+    blocks, refused = {}, []
+    for name, option in options.items():
+        try:
+            blocks[name] = _estimator(model, bus, name, option)
+        except LateRefusal as refusal:
+            refused.append(refusal)
+    if refused:
+        raise UserError(refusals(refused, list(blocks)))
     for name in list(blocks)[:1]:
         bus.publish(**{port: bus[f"{name}.{port}"] for port in ("prediction", "prediction_covariance")})
     return Assembly(model, bus, blocks, bus.close())
@@ -273,8 +281,12 @@ def _estimator(model: Model, bus: Bus, name: str, options: Any) -> Estimator:
         if not str(error).startswith((f"{name}:", "estimators.")):
             error.args = (f"{name}: {error}",)
         raise
-    if model.late is not None:
-        block = model.late.going_back(block, assumed.takes, bus, model.clock, model.duration)
+    if model.late is not None and not model.late.known:
+        model.late.check_as_they_come(name, takes)
+    if model.late is not None and model.late.known:
+        span = model.clock, model.duration
+        block, own = model.late.going_back(block, assumed.takes, assumed.clearings, bus, span)
+        takes = takes | own
     for port, make in assumed.on_demand.items():
         if block.HasInputPort(port):
             takes[port] = make(bus, block)

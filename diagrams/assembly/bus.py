@@ -30,6 +30,9 @@ class Bus:
         Trials of the ensemble.
     """
 
+    goes_back: bool = False
+    """Whether estimators go back to when a late measurement was made, and resolve its phases themselves."""
+
     def __init__(self, builder: DiagramBuilder, trials: int) -> None:
         self.builder, self.trials = builder, trials
         self._ports: dict[str, OutputPort] = {}

@@ -10,10 +10,41 @@ from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.clocks import Clock
 from quietfix.systems.estimators.base import Estimator
+from quietfix.systems.late.arrived import Clearing
+from quietfix.systems.late.complete import Complete
 from quietfix.systems.late.delay import Delay, Latency, ages
-from quietfix.systems.late.rollback import Rollback
+from quietfix.systems.late.rollback import Rollback, goes_back
 
-__all__ = ["Late", "LateRows"]
+__all__ = ["Late", "LateRefusal", "LateRows", "refusals"]
+
+
+class LateRefusal(UserError):
+    """Why one estimator cannot go back to when a late measurement was made.
+
+    Attributes
+    ----------
+    estimator : str
+        Its name.
+    why : str
+        The reason.
+    """
+
+    def __init__(self, estimator: str, why: str) -> None:
+        self.estimator, self.why = estimator, why
+        super().__init__(refusals([self], []))
+
+
+def refusals(refused: Sequence[LateRefusal], able: Sequence[str]) -> str:
+    """Return in one line which estimators cannot go back to late measurements, why, and which can."""
+    reasons: dict[str, list[str]] = {}
+    for one in refused:
+        reasons.setdefault(one.why, []).append(one.estimator)
+    said = "; ".join(f"{', '.join(names)}: {why}" for why, names in reasons.items())
+    rest = f" (--estimator {' --estimator '.join(able)})" if able else ""
+    return (
+        f"estimators.{said}. Late measurements are not allowed there; leave it out{rest}, or take them as they come "
+        "(belief.late.times: arrival)"
+    )
 
 
 class LateRows(NamedTuple):
@@ -57,46 +88,98 @@ class Late:
     buffer: float | None = None
 
     def add(self, bus: Bus, clock: Clock, end: float) -> None:
-        """Put the delay behind the measurement; what it was is the signal ``raw`` from then on.
+        """Put the delay behind the measurement; what it was is the signal ``sensed`` from then on.
 
         Raises
         ------
         UserError
-            For a jitter larger than the mean, and where phases are resolved by a prediction for another instant.
+            For a jitter larger than the mean.
         """
         for one in self.rows:
             if one.jitter > one.mean:
                 raise UserError(f"{one.where}.jitter: {one.jitter:g} is not allowed; at most the mean, {one.mean:g} s")
-        if "raw" in bus and bus["raw"] is not bus["measurement"]:
-            raise UserError(
-                f"{self.rows[0].where}.mean: {self.rows[0].mean:g} is not allowed where wrapped phases are resolved by "
-                "a prediction, which is for another instant; unambiguous phases"
-            )
+        bus.publish(sensed=bus["measurement"])
+        bus.goes_back = self.known
+        delay = self.delay(bus, clock, end)
+        gives = {port: port for port in ("measurement", "arrivals", "measured_at", "arrival")}
+        bus.add(delay, gives={**gives, "raw": "measurement"}, takes={"measurement": "sensed"})
+
+    def delay(self, bus: Bus, clock: Clock, end: float) -> Delay:
+        """Return the block that holds measurements back."""
         places = [[list(self.stream).index(name) for name in one.names] for one in self.rows]
         latencies = [Latency(at, one.mean, one.jitter) for at, one in zip(places, self.rows, strict=True)]
-        bus.publish(raw=bus["measurement"])
-        gives = {port: port for port in ("measurement", "arrivals", "measured_at", "arrival")}
-        delay = Delay(latencies, len(self.stream), clock, end, bus.trials)
-        bus.add(delay, gives=gives, takes={"measurement": "raw"})
+        return Delay(latencies, len(self.stream), clock, end, bus.trials)
 
-    def going_back(self, block: Estimator, takes: Mapping[str, str], bus: Bus, clock: Clock, end: float) -> Estimator:
-        """Return an estimator that uses late measurements for when they were made; `takes`: signals by their ports.
+    def check_as_they_come(self, name: str, takes: Mapping[str, str]) -> None:
+        """Refuse an estimator that takes late measurements as they come with a noise that is that of now.
 
         Raises
         ------
         UserError
+            If R comes with the measurement.
+        """
+        if takes.get("noise_covariance") == "noise_covariance":
+            raise UserError(
+                f"belief.late.times: arrival is not allowed for {name}, for the noise covariance comes with each "
+                "measurement; made"
+            )
+
+    @property
+    def most(self) -> float:
+        """How late a row can be [s]."""
+        return max(one.mean + one.jitter for one in self.rows)
+
+    def going_back(
+        self,
+        block: Estimator,
+        takes: Mapping[str, str],
+        clearings: Sequence[Clearing],
+        bus: Bus,
+        span: tuple[Clock, float],
+    ) -> tuple[Estimator, dict[str, str]]:
+        """Return an estimator that uses late measurements for when they were made.
+
+        Parameters
+        ----------
+        block : Estimator
+        takes : mapping of str to str
+            Signals by its ports.
+        clearings : sequence of Clearing
+            See `Assumed`.
+        bus : Bus
+        span : (Clock, float)
+            When there are measurements, and the end of the run [s].
+
+        Returns
+        -------
+        block : Estimator
+        takes : dict of str to str
+            What it gets in the place of the measurement.
+
+        Raises
+        ------
+        LateRefusal
             If it cannot.
         """
-        if not self.known:
-            return block
-        other = next((port for port in ("measurement", "noise_covariance") if port in takes), None)
-        if other is not None or block.smoother is not None:
-            why = "a smoother looks back itself" if other is None else f"its {other} is {takes[other]}"
-            raise UserError(
-                f"estimators.{block.get_name()}: late measurements are not allowed; {why}. With belief.late.times: "
-                "arrival it takes them as they come"
-            )
+        name, (clock, end) = block.get_name(), span
+        other = takes.get("measurement", "measurement")
+        if other not in ("measurement", "raw"):
+            raise LateRefusal(name, "what it takes is made of all measurements of an instant")
+        if block.smoother is not None:
+            return self._looking_back(block, clearings, bus)
+        if not goes_back(block):
+            raise LateRefusal(name, "it has more than what it remembers from measurement to measurement")
         ticks = clock.ticks(end)
-        most = max(one.mean + one.jitter for one in self.rows)
-        count = ages(ticks, most if self.buffer is None else min(self.buffer, ticks[-1]))
-        return Rollback(block, bus.shape("measured_at")[1], count)
+        count = ages(ticks, self.most if self.buffer is None else min(self.buffer, ticks[-1]))
+        return Rollback(block, bus.shape("measured_at")[1], count, self.stream, clearings), {}
+
+    def _looking_back(
+        self, block: Estimator, clearings: Sequence[Clearing], bus: Bus
+    ) -> tuple[Estimator, dict[str, str]]:
+        """Return a smoother that is given what will have come by the end at the time that it was made."""
+        name, wiring = f"complete_{block.get_name()}", block.wiring
+        platforms = wiring.platforms, wiring.platform_trials, block.motion.reported.size
+        complete = Complete(len(self.stream), clearings, bus.trials, *platforms, name)
+        feedback = {"prediction": f"{block.get_name()}.prediction"} if clearings else {}
+        bus.add(complete, takes={"measurement": "sensed", "platforms": "known"}, feedback=feedback)
+        return block, {"measurement": f"{name}.measurement"}

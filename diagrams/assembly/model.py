@@ -16,6 +16,7 @@ from quietfix.systems.clocks import Clock
 from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.wiring import Tails
 from quietfix.systems.integration import LONGEST_STEP
+from quietfix.systems.late.arrived import Clearing
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.starts.start import Start
@@ -55,6 +56,8 @@ class Assumed:
         Input ports that only some estimators have: ``(bus, estimator) -> signal`` makes what such a one gets.
     tails : Tails, optional
         Rows whose noise is not Gaussian; Kalman-type filters weigh them accordingly.
+    clearings : sequence of Clearing
+        What is between the signal ``raw`` and its rows, for an estimator that goes back to late measurements.
     """
 
     model: MeasurementModel
@@ -66,6 +69,7 @@ class Assumed:
     feedback: Mapping[str, str] = field(default_factory=dict)
     on_demand: Mapping[str, Callable[[Bus, Estimator], str]] = field(default_factory=dict)
     tails: Tails | None = None
+    clearings: Sequence[Clearing] = ()
 
 
 @dataclass(frozen=True)

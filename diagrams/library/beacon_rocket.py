@@ -26,6 +26,7 @@ from quietfix.diagrams.library.models.beacon_rocket import (
 from quietfix.diagrams.library.parts.beacon_rocket import BeaconFlight, OffsetStart
 from quietfix.diagrams.parts.biases import Biasable, believed_biases, row_units
 from quietfix.diagrams.parts.impairment import Impaired, KnownPlatforms
+from quietfix.diagrams.parts.latency import late_of
 from quietfix.diagrams.parts.launch import (
     station_names,
     station_positions,
@@ -80,6 +81,9 @@ def declare(scenario: Scenario) -> Model:
         platforms=station_names(scenario),
         frame=LAUNCH,
         map=partial(bound_map, scenario),
+        late=late_of(
+            {"sensor.latency_s": (real.names, scenario.sensor.latency_s)}, scenario.belief.late, real.names, apart=True
+        ),
         biases=believed_biases(
             scenario.belief.biases,
             Biasable(row_units(real), {"range_rate": real.names}, platforms=station_names(scenario)),

@@ -27,6 +27,7 @@ from quietfix.diagrams.parts import formation
 from quietfix.diagrams.parts.biases import Biasable, believed_biases, groups_of, row_units
 from quietfix.diagrams.parts.dual_signal import Signal
 from quietfix.diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
+from quietfix.diagrams.parts.latency import late_of
 from quietfix.diagrams.parts.movers import Emitter, Platforms, true_motion
 from quietfix.diagrams.parts.sensing import TargetSensor
 from quietfix.systems.clocks import Periodic
@@ -93,6 +94,7 @@ def declare(scenario: Scenario) -> Model:
         note=chain.note if chain else "",
         widest=chain.widest if chain else None,
         map=partial(bound_map, scenario),
+        late=late_of({"truth.latency_s": (stack.names, truth.latency_s)}, scenario.belief.late, stack.names),
         biases=believed_biases(
             scenario.belief.biases,
             Biasable(row_units(stack), groups_of(real), clocks, mounts, PLATFORMS, errors=errors),

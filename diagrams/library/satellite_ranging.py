@@ -31,6 +31,7 @@ from quietfix.diagrams.library.models.satellite_ranging import (
 from quietfix.diagrams.library.parts.satellite_ranging import OrbitingTarget, add_preview, orbit_block
 from quietfix.diagrams.parts.biases import Biasable, believed_biases, row_units
 from quietfix.diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
+from quietfix.diagrams.parts.latency import late_of
 from quietfix.diagrams.parts.movers import Platforms
 from quietfix.diagrams.parts.sensing import TargetSensor
 from quietfix.diagrams.parts.sensor_errors import NO_CLOCKS, refuse
@@ -107,6 +108,7 @@ def declare(scenario: Scenario) -> Model:
         signals={port: f"ranging.{port}" for port in ("ranges", "range_sigmas")},
         platforms=("observer",),
         frame=INERTIAL,
+        late=late_of({"truth.latency_s": (real.names, truth.latency_s)}, scenario.belief.late, real.names),
         biases=_biases(scenario, real, mounts),
         # a tenth of the initial error, as in (61): of its expectation, so that all estimators are held to the same
         convergence=0.1 * math.sqrt(np.trace(covariance[:3, :3])),

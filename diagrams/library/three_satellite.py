@@ -26,6 +26,7 @@ from quietfix.diagrams.library.models.three_satellite import (
 )
 from quietfix.diagrams.parts.biases import Biasable, believed_biases, groups_of, row_units
 from quietfix.diagrams.parts.impairment import Impaired, KnownPlatforms, Mount
+from quietfix.diagrams.parts.latency import late_of
 from quietfix.diagrams.parts.movers import Emitter, Platforms, true_motion
 from quietfix.diagrams.parts.resolving import PhaseResolution
 from quietfix.diagrams.parts.sensing import TargetSensor
@@ -71,7 +72,9 @@ def declare(scenario: Scenario) -> Model:
         )
         motion = ConstantVelocity(belief.acceleration_mps2)
         takes = {"measurement": "raw"} if raw else {}
-        return Assumed(believed_stack(scenario, name, options), motion, start, rows, takes)
+        clearings = () if raw else (resolver.cycles,)
+        model = believed_stack(scenario, name, options)
+        return Assumed(model, motion, start, rows, takes, clearings=clearings)
 
     return Model(
         clock=clock,
@@ -91,6 +94,7 @@ def declare(scenario: Scenario) -> Model:
         platforms=PLATFORMS,
         signals={"integers": "phase_resolver.integers"},
         rows=stack.names,
+        late=late_of({"truth.latency_s": (stack.names, truth.latency_s)}, belief.late, stack.names),
         map=partial(bound_map, scenario),
         biases=believed_biases(
             belief.biases, Biasable(row_units(stack), groups_of(real), clocks, mounts, PLATFORMS, errors=errors)

@@ -142,7 +142,9 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
         seen = list(resolvers.rows) if raw else resolvers.on(bus)
         takes = {"measurement": "raw"} if raw and resolvers.each else {}
         takes |= dict.fromkeys(("noise_covariance", "start_noise_covariance"), "noise_covariance") if scaled else {}
-        return Assumed(used_rows(sensors, options, name), motion, start(name, options, seen), seen, takes)
+        clearings = () if raw else resolvers.clearings
+        rows = used_rows(sensors, options, name)
+        return Assumed(rows, motion, start(name, options, seen), seen, takes, clearings=clearings)
 
     own, late = _own_parts(scenario), _late(scenario, sensors) if fed is None else None
     notes = [differentiated(sensors, flight), doubt, _open(around, start), _doubtful(scenario, setting, kinds)]

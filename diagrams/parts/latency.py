@@ -41,7 +41,10 @@ class LateBelief:
 
 
 def late_of(
-    sensors: Mapping[str, tuple[Sequence[str], LatencyOptions]], belief: LateBelief, stream: Sequence[str]
+    sensors: Mapping[str, tuple[Sequence[str], LatencyOptions]],
+    belief: LateBelief,
+    stream: Sequence[str],
+    apart: bool = False,
 ) -> Late | None:
     """Return what is late; None: nothing.
 
@@ -52,10 +55,13 @@ def late_of(
     belief : LateBelief
     stream : sequence of str
         All rows in their order.
+    apart : bool
+        Whether each row comes by itself, with a jitter of its own; else those of a sensor come together.
     """
     late = [
-        LateRows(list(rows), one.mean, one.jitter, where)
+        LateRows(together, one.mean, one.jitter, where)
         for where, (rows, one) in sensors.items()
         if one.mean or one.jitter  # a jitter without a mean is refused
+        for together in ([[row] for row in rows] if apart else [list(rows)])
     ]
     return Late(late, list(stream), belief.times == "made", belief.buffer_s) if late else None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from quietfix.diagrams.assembly.bus import Bus
 from quietfix.systems.angles.phase import InterferometerPhase
-from quietfix.systems.estimators.phase_resolver import PhaseResolver
+from quietfix.systems.estimators.phase_resolver import PhaseCycles, PhaseResolver
 from quietfix.systems.measurement.tdoa import Tdoa
 
 __all__ = ["PhaseResolution"]
@@ -44,12 +44,18 @@ class PhaseResolution:
     name: str = "phase_resolver"
 
     def on(self, bus: Bus) -> list[str]:
-        """Return the names of the rows that come out of the resolver, which is added if it is not there yet."""
-        if f"{self.name}.measurement" not in bus:
+        """Return the names of the rows that come out of the resolver, which is added if it is not there yet.
+
+        Where estimators go back to when a late measurement was made, they resolve it themselves, and none is added.
+        """
+        if f"{self.name}.measurement" not in bus and not bus.goes_back:
             self(bus)
-        block = bus[f"{self.name}.measurement"].get_system()
-        assert isinstance(block, PhaseResolver)
-        return list(block.stream)
+        return list(self.cycles.stream)
+
+    @property
+    def cycles(self) -> PhaseCycles:
+        """What it does."""
+        return PhaseCycles(self.rows, self.phase, self.tdoa, self.chain, self.name)
 
     def __call__(self, bus: Bus) -> None:
         """See `quietfix.diagrams.assembly.model.Part`."""

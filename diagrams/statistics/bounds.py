@@ -305,6 +305,9 @@ class StudyBounds:
         seen = None if present is None else rows_present(self.wired, estimator, present)
         flown = truth if isinstance(moves, CarriedMotion) else None
         comes = None if arrival is None else rows_arriving(self.wired, estimator, arrival)
+        if comes is not None and looks is not None:  # it looks back when all has come
+            seen = np.isfinite(comes) if seen is None else seen & np.isfinite(comes)
+            comes = None
         steps = bound_steps(state, platforms, self.times, model, moves, start, spent, seen, flown, comes)
         if looks is not None:
             steps = iter(smoothing_bound(steps, state if flown is None else flown, self.times, moves, looks.lag))

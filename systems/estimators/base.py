@@ -9,7 +9,7 @@ irregular sampling are one code path, and ``prediction`` does not feed through a
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from pydrake.systems.framework import Context, DiscreteValues
 
 from quietfix.systems.clocks import at_ticks, same_instant
 from quietfix.systems.counting import tally
-from quietfix.systems.estimators.memory import TO_COME, Epoch, Innovation, Layout, Memory, Now, Remembered, Whole
+from quietfix.systems.estimators.memory import TO_COME, Epoch, Given, Innovation, Layout, Memory, Now, Remembered, Whole
 from quietfix.systems.estimators.shown import Shown
 from quietfix.systems.estimators.watching import Watching
 from quietfix.systems.estimators.wiring import Wiring
@@ -99,10 +99,6 @@ class Estimator(Watching):
 
     note: str = ""
     """What a reader of its results must know."""
-
-    def diagnostics(self) -> Sequence[str]:
-        """Return further output ports that are worth a log."""
-        return ()
 
     def bound_prior(self, truth: Array, platforms: Array) -> tuple[Array | None, bool]:
         """Return the prior of the estimator's bound, and whether the first epoch's measurement is spent on it.
@@ -223,7 +219,7 @@ class Estimator(Watching):
         return remembered
 
     def posterior_memory(self, context: Context) -> Memory:
-        """Return the memory with the measurement of now, for a subclass's own ports."""
+        """See `Watching.posterior_memory`."""
         return self._updated(context).memory
 
     def posterior_moments(self, context: Context) -> tuple[Array, Array]:
@@ -264,8 +260,7 @@ class Estimator(Watching):
         return Remembered(memory, TO_COME, started, False, now, watch)
 
     def _first(self, context: Context, stream: Array) -> tuple[Memory, Mask]:
-        inputs = {port: self.read(context, port) for port in self.start.inputs}
-        return self.first(stream, self._read_platforms(context), inputs, self._epoch(context))
+        return self.first(*self._given(context)._replace(stream=stream))
 
     def _read_platforms(self, context: Context) -> Array:
         return self.read(context, "platforms", self._platforms)
@@ -282,6 +277,17 @@ class Estimator(Watching):
 
     def _calc_posterior(self, context: Context) -> Remembered:
         """Return memory, innovation and which trials have started, after the measurement of now."""
+        belief = self._measured(context)
+        if belief.state is not None:
+            return belief
+        memory = self.recovered(self.settled(belief.memory), belief.innovation, lambda: self._given(context))
+        return belief if memory is belief.memory else belief.having(memory)
+
+    def _given(self, context: Context) -> Given:
+        inputs = {port: self.read(context, port) for port in self.start.inputs}
+        return Given(self.read(context, "measurement"), self._read_platforms(context), inputs, self._epoch(context))
+
+    def _measured(self, context: Context) -> Remembered:
         tally("posterior", self)
         if self._steps_at_once is None:
             self._steps_at_once = self.prepare_steps_at_once()
@@ -369,10 +375,6 @@ class Estimator(Watching):
             state[self._watched] = watch.ravel()
         state[-2:] = time, used
 
-    def _replace(self, discrete: DiscreteValues, group: str, value: Array) -> None:
-        """Write one group of the memory that is stored."""
-        discrete.get_mutable_value(self._state)[self._places[group]] = value.ravel()
-
     def _initialize(self, context: Context, discrete: DiscreteValues) -> None:
         """Start; a context that has been running for a while, in a Simulator of its own now, goes on as it is."""
         state = discrete.get_mutable_value(self._state)
@@ -392,7 +394,7 @@ class Estimator(Watching):
             discrete.set_value(self._state, updated.state)
             return
         told = updated.memory, updated.innovation, updated.started, updated.time
-        self._write(discrete, *told, used=True, watch=updated.watch)
+        self._write(discrete, *told, True, updated.watch)
 
     def _store_at_tick(self, context: Context, discrete: DiscreteValues) -> None:
         if self.wiring.clock.index(context.get_time()) is not None:

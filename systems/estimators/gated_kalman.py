@@ -70,15 +70,9 @@ class GatedKalman(KalmanEstimator):
         self.gate = gate
         super().__init__(name, algorithm, model, motion, start, wiring)
         self.count_restarts()
-        after, trials = {self.posterior_ticket}, wiring.trials
-        rows = components_of(model)
-        counted = [type(row)(row.name, "1") for row in rows]
-        self.declare_output(
-            "rejected", trials, model.size, lambda c: self.posterior_memory(c)["rejected"], after, counted
-        )
-        self.declare_output(
-            "releases", trials, 1, lambda c: self.posterior_memory(c)["releases"], after, [("releases", "1")]
-        )
+        counted = [(row.name, "1") for row in components_of(model)]
+        self.tell("rejected", model.size, lambda memory: memory["rejected"], counted)
+        self.tell("releases", 1, lambda memory: memory["releases"], [("releases", "1")])
 
     def tallies(self) -> Sequence[str]:
         """See `Watching.tallies`."""

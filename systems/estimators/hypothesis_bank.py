@@ -120,19 +120,11 @@ class HypothesisBank(Estimator):
         self._phase_rows = [model.names.index(row) for part in phases for row in part.names]
         self._is_phase = np.isin(np.arange(model.size), self._phase_rows)
         super().__init__(name, model, motion, start, wiring)
-        after = {self.posterior_ticket}
-        trials = wiring.trials
-        self.declare_output("weights", trials, self.hypotheses, lambda c: self.posterior_memory(c)["weights"], after)
+        self.tell("weights", self.hypotheses, lambda memory: memory["weights"])
         if self._phases is not None:
             size = self._phases.size
-            self.declare_output(
-                "integers",
-                trials,
-                size,
-                lambda c: self.posterior_memory(c)["integers"][:, :size],
-                after,
-                [(row, "1") for row in self._phases.names],
-            )
+            named = [(row, "1") for row in self._phases.names]
+            self.tell("integers", size, lambda memory: memory["integers"][:, :size], named)
 
     # ---- memory
 

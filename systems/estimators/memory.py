@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context
 from quietfix.systems.clocks import Clock
 from quietfix.systems.signals import Draw
 
-__all__ = ["TO_COME", "Epoch", "Innovation", "Layout", "Memory", "Now", "Remembered", "Whole"]
+__all__ = ["TO_COME", "Epoch", "Given", "Innovation", "Layout", "Memory", "Now", "Remembered", "Told", "Whole"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -81,6 +81,23 @@ class Now(Epoch):
     def draw(self) -> Draw:
         """See `Epoch.draw`."""
         return self._draw_of(self._context)
+
+
+class Given(NamedTuple):
+    """What a start is given: the measurement (trials, rows), platforms (1 or trials, p, 6), ports, the instant."""
+
+    stream: Array
+    platforms: Array
+    inputs: Mapping[str, Array]
+    epoch: Epoch
+
+
+class Told(NamedTuple):
+    """An output that is made of the memory: its size, how, and name and unit of each component."""
+
+    size: int
+    of: Callable[[Memory], Array]
+    components: Iterable[tuple[str, str]] | None
 
 
 class Innovation(NamedTuple):

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
 from quietfix.systems.estimators.base import Estimator
-from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
+from quietfix.systems.estimators.memory import Epoch, Given, Innovation, Memory
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.observation import Observation, take
 from quietfix.systems.filters.particle.draws import Draws
@@ -107,11 +106,11 @@ class ParticleEstimator(Estimator):
         self.particle_update, self.particles, self.window, self.restart = particle_update, particles, window, restart
         super().__init__(name, model, motion, start, wiring)
         for i, port in enumerate(_PORTS):
-            health = partial(self._health, i)
-            self.declare_output(port, wiring.trials, 1, health, {self.posterior_ticket}, [(port, "1")])
+            self.tell(port, 1, partial(self._health, i), [(port, "1")])
 
-    def _health(self, column: int, context: Context) -> Array:
-        return self.posterior_memory(context)["health"][:, column]
+    @staticmethod
+    def _health(column: int, memory: Memory) -> Array:
+        return memory["health"][:, column]
 
     def diagnostics(self) -> Sequence[str]:
         """See `Estimator.diagnostics`: how the cloud is."""
@@ -360,28 +359,22 @@ class ParticleEstimator(Estimator):
 
     # ---- beginning again
 
-    def _calc_posterior(self, context: Context) -> Any:
-        belief = super()._calc_posterior(context)
-        memory, innovation = belief.memory, belief.innovation
-        if "mean" not in memory:  # nothing was measured: what is stored are the moments of the prediction
-            mean, covariance = self.moments(memory)
-            memory = {**memory, "mean": mean, "covariance": covariance.reshape(len(mean), -1)}
-        if self.restart and self.start.again is not None:
-            lost = (memory["health"][:, 3] < LEAST_EVIDENCE) & (innovation.nis_dof > 0)
-            if lost.any():
-                memory = self._again(context, self.start.again, memory, lost)
-        if memory is belief.memory:
-            return belief
-        return belief.having(memory)
+    def settled(self, memory: Memory) -> Memory:
+        """See `Estimator.settled`: where nothing was measured, the moments of the prediction."""
+        if "mean" in memory:
+            return memory
+        mean, covariance = self.moments(memory)
+        return {**memory, "mean": mean, "covariance": covariance.reshape(len(mean), -1)}
 
-    def _again(self, context: Context, again: Start, memory: Memory, lost: Mask) -> Memory:
-        """Return the memory in which lost trials begin again from the measurement of now, where they can."""
-        inputs = {port: self.read(context, port) for port in self.start.inputs}
-        stream, platforms, epoch = (
-            self.read(context, "measurement"),
-            self._read_platforms(context),
-            self._epoch(context),
-        )
+    def recovered(self, memory: Memory, innovation: Innovation, given: Callable[[], Given]) -> Memory:
+        """See `Estimator.recovered`: trials whose evidence says so begin again from the measurement, where they can."""
+        again = self.start.again
+        if not self.restart or again is None:
+            return memory
+        lost = (memory["health"][:, 3] < LEAST_EVIDENCE) & (innovation.nis_dof > 0)
+        if not lost.any():
+            return memory
+        stream, platforms, inputs, epoch = given()
         if isinstance(again, CloudStart):
             begun, able = self._first_cloud(again, stream, platforms, inputs, epoch)
         else:

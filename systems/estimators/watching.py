@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
-from quietfix.systems.estimators.memory import Innovation, Memory, Remembered
+from quietfix.systems.estimators.memory import Given, Innovation, Memory, Remembered, Told
+from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.recovery.surprise import ALARM, lasting, surprise
 from quietfix.systems.linear_algebra import all_finite
 from quietfix.systems.signals import EnsembleBlock
@@ -34,11 +36,18 @@ class Watching(EnsembleBlock):
         Begin again, by the start, from the measurement of the epoch at which the flag is raised.
     considered : int
         How many biases stay in the innovations because they are only considered.
+    begins_plainly : bool
+        Whether it has the ports of every estimator, and begins as every one does, although its class may do otherwise.
+    told : mapping of str to Told
+        Its ports that are made of what is remembered; see `tell`.
     """
 
     restarts_when_lost: bool = False
     considered: int = 0
+    begins_plainly: bool = False
     start: Start
+    wiring: Wiring
+    told: Mapping[str, Told] = MappingProxyType({})
 
     def moments(self, memory: Memory) -> tuple[Array, Array]:
         """See `quietfix.systems.estimators.base.Estimator.moments`."""
@@ -62,9 +71,43 @@ class Watching(EnsembleBlock):
         """Return which trials (trials,) are lost for reasons of the estimator's own; None: none."""
         return None
 
+    def diagnostics(self) -> Sequence[str]:
+        """Return further output ports that are worth a log."""
+        return ()
+
+    def settled(self, memory: Memory) -> Memory:
+        """Return the memory with all that prediction and update have put off."""
+        return memory
+
+    def recovered(self, memory: Memory, innovation: Innovation, given: Callable[[], Given]) -> Memory:
+        """Return the memory after an update, in which trials have begun again by rules of the estimator's own."""
+        return memory
+
     def keep_beginning(self, memory: Memory, begun: Memory) -> Memory:
         """Return what is remembered after beginning again, from what was and what the start gives: the latter."""
         return begun
+
+    # ---- ports of what is remembered
+
+    def posterior_memory(self, context: Context) -> Memory:
+        """Return the memory with the measurement of now, for a subclass's own ports."""
+        raise NotImplementedError
+
+    @property
+    def posterior_ticket(self) -> Any:
+        """What a port depends on that is made from the memory with the measurement of now."""
+        raise NotImplementedError
+
+    def tell(
+        self, port: str, size: int, of: Callable[[Memory], Array], components: Iterable[tuple[str, str]] | None = None
+    ) -> None:
+        """Declare an output (trials, size) that is made of what is remembered with the measurement of now.
+
+        What goes back with an estimator has these ports too; others of a subclass it has not.
+        """
+        self.told = {**self.told, port: Told(size, of, components)}
+        after = {self.posterior_ticket}
+        self.declare_output(port, self.wiring.trials, size, lambda c: of(self.posterior_memory(c)), after, components)
 
     # ---- what is done with it
 

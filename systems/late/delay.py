@@ -100,7 +100,8 @@ class Delay(EnsembleBlock):
         self.declare_input("measurement", trials, size)
         draw = self.declare_draw()
         self._held = (self.ages - 1, trials, size)
-        self._state = self.DeclareDiscreteState(np.full(math.prod(self._held), np.nan))
+        self._state = self.DeclareDiscreteState(np.full(2 * math.prod(self._held), np.nan))  # values, when they are due
+        self._now_due = self.declare_cached("due", Delay._calc_due, {self.time_ticket(), draw})
         tickets = {self.input_ticket("measurement"), self.xd_ticket(), self.time_ticket(), draw}
         arrived = self.declare_cached("arrived", Delay._calc, tickets)
         after = {self.cached_ticket(arrived)}
@@ -130,15 +131,28 @@ class Delay(EnsembleBlock):
             due[:, list(one.rows)] = np.searchsorted(self._ticks, self._ticks[tick] + late - _ROUNDING)
         return due
 
+    def _tick(self, context: Context) -> int | None:
+        tick = self._clock.index(context.get_time())
+        return tick if tick is not None and tick < len(self._ticks) else None
+
+    def _calc_due(self, context: Context) -> Array | None:
+        tick = self._tick(context)
+        return None if tick is None else self._due(context, tick)
+
+    def _read_held(self, context: Context) -> Array:
+        held: Array = context.get_discrete_state(self._state).CopyToVector().reshape(2, *self._held)
+        return held
+
     def _calc(self, context: Context) -> dict[str, Array]:
-        tick, trials, rows = self._clock.index(context.get_time()), self._trials, self._rows
+        tick, trials, rows = self._tick(context), self._trials, self._rows
         arrivals = np.full((trials, self.ages, rows), np.nan)
         made = np.full((trials, self.ages), np.nan)
-        if tick is not None and tick < len(self._ticks):
-            held = context.get_discrete_state(self._state).CopyToVector().reshape(self._held)
+        if tick is not None:
+            held = self._read_held(context)
+            now = self.read(context, "measurement"), self.cached(context, self._now_due)
             for age in range(min(self.ages, tick + 1)):
-                value = held[age - 1] if age else self.read(context, "measurement")
-                arrivals[:, age] = np.where(self._due(context, tick - age) == tick, value, np.nan)
+                value, due = held[:, age - 1] if age else now
+                arrivals[:, age] = np.where(due == tick, value, np.nan)
                 made[:, age] = np.where(np.isfinite(arrivals[:, age]).any(axis=-1), self._ticks[tick - age], np.nan)
         youngest = np.full((trials, rows), np.nan)
         for age in range(self.ages - 1, -1, -1):
@@ -146,15 +160,16 @@ class Delay(EnsembleBlock):
         return {"arrivals": arrivals, "measured_at": made, "measurement": youngest}
 
     def _arrival(self, context: Context) -> Array:
-        tick = self._clock.index(context.get_time())
-        if tick is None or tick >= len(self._ticks):
+        due = self.cached(context, self._now_due)
+        if due is None:
             return np.full((self._trials, self._rows), np.nan)
-        return np.append(self._ticks, np.inf)[self._due(context, tick).astype(int)]
+        return np.append(self._ticks, np.inf)[due.astype(int)]
 
     def _store(self, context: Context, discrete: DiscreteValues) -> None:
-        if self.ages > 1:
-            held = context.get_discrete_state(self._state).CopyToVector().reshape(self._held)
-            kept = np.concatenate([self.read(context, "measurement")[None], held[:-1]])
+        due = self.cached(context, self._now_due)
+        if self.ages > 1 and due is not None:
+            now = np.stack([self.read(context, "measurement"), due])[:, None]
+            kept = np.concatenate([now, self._read_held(context)[:, :-1]], axis=1)
             discrete.get_mutable_vector(self._state).SetFromVector(kept.ravel())
 
     def _store_at_tick(self, context: Context, discrete: DiscreteValues) -> None:

@@ -6,10 +6,17 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from quietfix.systems.clocks import Periodic, Times
+from quietfix.systems.estimators.kalman import KalmanEstimator
+from quietfix.systems.estimators.wiring import Wiring
+from quietfix.systems.filters.recovery.gate import Gate
 from quietfix.systems.late.delay import Delay, Latency
 from quietfix.systems.late.rollback import Rollback, goes_back
+from quietfix.systems.options.batch import Batch
 from quietfix.systems.options.ekf import Ekf
 from quietfix.systems.options.iekf import Iekf
+from quietfix.systems.options.interacting.imm import Imm
+from quietfix.systems.options.interacting.transitions import Sojourn
+from quietfix.systems.options.motions import WhiteNoiseAcceleration
 from quietfix.systems.options.pf import Pf
 from quietfix.systems.options.ukf import Ukf
 from quietfix.systems.recorder import record
@@ -24,7 +31,7 @@ MIXED = [Latency([0, 2], 4.0, 4.0), Latency([1], 2.0)]  # out of order; row 3 is
 SIX = [Latency([0, 1, 2, 3, 4, 5], 4.0, 3.5)]
 
 
-def run(block, measurement, platforms, latencies, clock=None, ticks=None, first_trial=0, inputs=None):
+def run(block, measurement, platforms, latencies, clock=None, ticks=None, first_trial=0, inputs=None, more=()):
     """Run an estimator behind a delay; return what its ports and those of the delay carry, and at which ticks."""
     clock = clock or Periodic(1.0)
     end = clock.ticks(1e6 if isinstance(clock, Times) else len(measurement) - 1.0)[-1]
@@ -39,7 +46,7 @@ def run(block, measurement, platforms, latencies, clock=None, ticks=None, first_
     sources |= {port: delay.GetOutputPort(port) for port in ("measurement", "arrivals", "measured_at")}
     for i in range(block.num_input_ports()):
         builder.Connect(sources[block.get_input_port(i).get_name()], block.get_input_port(i))
-    ports = {port: block.GetOutputPort(port) for port in PORTS}
+    ports = {port: block.GetOutputPort(port) for port in (*PORTS, *more)}
     ports |= {
         f"delay/{port}": delay.GetOutputPort(port) for port in ("measurement", "arrivals", "measured_at", "arrival")
     }
@@ -208,12 +215,101 @@ def test_jitter_is_uniform_and_comes_out_of_order():
 
 
 def test_what_cannot_go_back_is_refused():
-    scene = Scene(2, 3)
-    block = scene.estimator("ekf", Ekf(), noise_port=True)
-    for one in (block, scene.estimator("pf", Pf(particles=10))):
-        assert not goes_back(one)
-        with pytest.raises(ValueError, match="late measurements are not allowed"):
-            Rollback(one, 2, 2)
+    """An estimator with inputs of its own, and latencies that are none."""
+
+    class Ahead(KalmanEstimator):
+        def _declare_ports(self):
+            self.declare_input("preview", self.wiring.trials, 1)
+            super()._declare_ports()
+
+    problem = Problem("none")
+    wiring = Wiring(TRIALS, problem.model.names, Periodic(1.0), 3)
+    given = GivenStart(problem.mean, problem.covariance)
+    block = Ahead("ekf", Ekf(), problem.model, problem.motion, given, wiring)
+    assert not goes_back(block)
+    with pytest.raises(ValueError, match="late measurements are not allowed"):
+        Rollback(block, 2, 2)
     for mean, jitter in ((-1.0, 0.0), (1.0, 2.0), (np.nan, 0.0)):
         with pytest.raises(ValueError, match="0 to the mean"):
             Delay([Latency([0], mean, jitter)], 1, Periodic(1.0), 5.0, 2)
+
+
+IMM = Imm(
+    models={"calm": WhiteNoiseAcceleration(0.01), "agile": WhiteNoiseAcceleration(9.0)},
+    transitions=Sojourn({"calm": 20.0, "agile": 5.0}),
+)
+
+
+class InOrder:
+    """What an estimator says that gets everything in time, of what the delayed one has got by the end."""
+
+    def __init__(self, scene, name, options, latencies, start=None, noise=None):
+        block = scene.estimator(name, options, start=start, noise_port=noise is not None)
+        inputs = None if noise is None else {"noise_covariance": noise}
+        ports = [*block.told, "lost", *(["restarts"] if "restarts" in block.tallies() else [])]
+        _, self.late = run(block, scene.measurement, scene.platforms, latencies, inputs=inputs, more=ports)
+        come = np.isfinite(self.late["delay/arrival"])
+        plain = scene.only(slice(None))
+        plain.measurement = np.where(come, scene.measurement, np.nan)
+        again = plain.estimator(name, options, start=start, noise_port=noise is not None)
+        zero = [Latency(range(scene.measurement.shape[-1]), 0.0)]
+        _, self.plain = run(again, plain.measurement, plain.platforms, zero, inputs=inputs, more=ports)
+
+    def assert_same_at_the_end(self, *ports):
+        """Bit for bit: the same steps in the same order."""
+        for port in ("estimate", "covariance", *ports):
+            np.testing.assert_array_equal(self.late[port][-1], self.plain[port][-1], err_msg=port)
+
+
+def outlying(scene, rate=0.05):
+    """Put gross errors of 20 sigma into rows, of the first epoch too."""
+    rng = np.random.default_rng(4)
+    gross = rng.uniform(size=scene.measurement.shape) < rate
+    return scene.measurement + 20 * gross * np.sqrt(np.diag(scene.model.noise_covariance()))
+
+
+class TwoDelays(FirstMeasurement):
+    """Starts about the truth of the scene, off by what the first row of the measurement is off: from a measurement."""
+
+    def __init__(self, scene):
+        self._scene = scene
+
+    def begin(self, measurement, platforms, inputs):
+        there = np.isfinite(measurement).all(axis=-1)
+        scale = np.sqrt(np.diag(self._scene.covariance))
+        off = np.where(there, np.sin(1e10 * measurement[:, 0]), np.nan)
+        mean = self._scene.truth[0] + np.outer(off, scale)
+        return mean, np.broadcast_to(self._scene.covariance, (len(mean), 6, 6))
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("ekf", Ekf(gate=Gate(0.999, "row", 3))),
+        ("iekf", Iekf(gate=Gate(0.999, "epoch", 2), restart=True)),
+        ("pf", Pf(particles=200)),
+        ("pf", Pf(particles=200, restart=True)),
+        ("batch", Batch(epochs=4)),
+        ("imm", IMM),
+    ],
+    ids=["gate", "gate and restart", "pf", "pf restart", "batch", "imm"],
+)
+def test_all_that_is_remembered_goes_back(name, options):
+    """Gates with their counts, new beginnings, clouds, windows, several models: at the end as if all were in time."""
+    scene = Scene(6, 25)
+    scene.measurement = outlying(scene)
+    gated = getattr(options, "gate", None) is not None
+    found = InOrder(scene, name, options, SIX, start=TwoDelays(scene) if gated else None)
+    told = [port for port in found.late if port in ("rejected", "releases", "restarts", "probabilities", "lost")]
+    found.assert_same_at_the_end(*told)
+    if gated:
+        assert found.late["rejected"][-1].sum() > 10 and found.late["restarts"][-1].sum() > 0
+
+
+def test_noise_that_comes_with_a_measurement():
+    """R is that of the instant at which it was made; other in every epoch and trial."""
+    scene = Scene(5, 15)
+    rng = np.random.default_rng(6)
+    scale = rng.uniform(0.5, 2.0, size=(15, 5, 6))
+    noise = scale[..., :, None] * scene.model.noise_covariance() * scale[..., None, :]
+    InOrder(scene, "ekf", Ekf(), SIX, noise=noise.reshape(15, 5, -1)).assert_same_at_the_end()

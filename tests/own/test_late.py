@@ -104,8 +104,6 @@ def test_the_bound_counts_what_has_come():
         (["sensors.east.latency_s=3"], r"sensors\.east\.latency_s"),
         (["belief.late.times=later"], r"belief\.late\.times"),
         (["belief.late.buffer_s=-1"], r"belief\.late\.buffer_s"),
-        (["estimators.pf=!Pf {}"], r"estimators\.pf: late measurements are not allowed"),
-        (["estimators.s=!Smoothed {}"], r"estimators\.s: late measurements are not allowed; a smoother"),
     ],
 )
 def test_refused(sets, said):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from quietfix.diagrams.parts.biases import BIASES, BelievedBias
+from quietfix.diagrams.parts.latency import LateBelief, LatencyOptions
 from quietfix.diagrams.parts.launch import (
     Falcon9,
     Geodetic,
@@ -85,6 +86,7 @@ class StationSensing:
         "a station sees the rocket above this elevation [deg]; null: always, even through the Earth", None,
         at_least=-90, at_most=89,
     )  # fmt: skip
+    latency_s: LatencyOptions = documented("how late a range rate comes, by station", factory=LatencyOptions)
     errors: SensorErrors = documented("errors that the estimators do not know of", factory=SensorErrors)
 
 
@@ -116,6 +118,7 @@ class Belief:
     sigma_bias_mps: float = number("start [m/s]; the bias starts at 0", 300.0, above=0)
     sigma_mps: float | None = number("standard deviation of a range rate [m/s]", None, above=0)
     biases: dict[str, BelievedBias] = documented(BIASES, factory=dict)
+    late: LateBelief = documented("what they make of measurements that come late", factory=LateBelief)
 
 
 @dataclass

@@ -16,6 +16,7 @@ from quietfix.diagrams.parts.formation import (
     ReferenceOrbit,
     StraightLine,
 )
+from quietfix.diagrams.parts.latency import LateBelief, LatencyOptions
 from quietfix.diagrams.parts.sensor_errors import SensorErrors
 from quietfix.systems.documented import choice, documented, number
 from quietfix.systems.options.choice import EstimatorChoice
@@ -66,6 +67,7 @@ class Truth:
     minimum_elevation_deg: float = number(
         "a satellite lower than this over the target's horizon hears nothing [deg]", 0.0, at_least=-90, at_most=89
     )
+    latency_s: LatencyOptions = documented("how late what is measured at an instant comes", factory=LatencyOptions)
     errors: SensorErrors = documented("errors of the sensors that the estimators do not know of", factory=SensorErrors)
 
 
@@ -87,6 +89,7 @@ class Belief:
     sigma_fdoa_hz: float | None = number("standard deviation of the FDOA [Hz]", None, above=0)
     light_time: bool | None = documented("TDOA and FDOA of one wave front", None)
     biases: dict[str, BelievedBias] = documented(BIASES, factory=dict)
+    late: LateBelief = documented("what they make of measurements that come late", factory=LateBelief)
 
 
 @dataclass

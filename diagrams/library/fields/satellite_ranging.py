@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from quietfix.diagrams.parts.biases import BIASES, BelievedBias
+from quietfix.diagrams.parts.latency import LateBelief, LatencyOptions
 from quietfix.diagrams.parts.sensor_errors import SensorErrors
 from quietfix.systems.documented import choice, documented, number
 from quietfix.systems.options.choice import EstimatorChoice
@@ -63,6 +64,7 @@ class Truth:
     sigma_observer_mps: float = number(
         "error of the observer's known velocity, constant, per axis [m/s]", 0.0, at_least=0
     )
+    latency_s: LatencyOptions = documented("how late what is measured at an instant comes", factory=LatencyOptions)
     errors: SensorErrors = documented(
         "errors of the sensor that the estimators do not know of; attitude: turns of the inertial axes",
         factory=SensorErrors,
@@ -91,6 +93,7 @@ class Belief:
     sigma_position_km: float = number("error of the initial estimate's position per axis [km]", 500.0, above=0)
     sigma_velocity_mps: float = number("error of the initial estimate's velocity per axis [m/s]", 500.0, above=0)
     biases: dict[str, BelievedBias] = documented(BIASES, factory=dict)
+    late: LateBelief = documented("what they make of measurements that come late", factory=LateBelief)
 
 
 @dataclass

@@ -15,6 +15,7 @@ from quietfix.diagrams.parts.formation import (
     ReferenceOrbit,
     StraightLine,
 )
+from quietfix.diagrams.parts.latency import LateBelief, LatencyOptions
 from quietfix.diagrams.parts.sensor_errors import SensorErrors
 from quietfix.systems.documented import choice, documented, number
 from quietfix.systems.options.choice import EstimatorChoice
@@ -61,6 +62,7 @@ class Truth:
         at_least=-90,
         at_most=89,
     )
+    latency_s: LatencyOptions = documented("how late what is measured at an instant comes", factory=LatencyOptions)
     errors: SensorErrors = documented("errors of the sensors that the estimators do not know of", factory=SensorErrors)
 
 
@@ -79,6 +81,7 @@ class Belief:
     correlated: bool | None = documented("errors of differences correlated through satellite 0", None)
     light_time: bool | None = documented("TDOA and FDOA of one wave front", None)
     biases: dict[str, BelievedBias] = documented(BIASES, factory=dict)
+    late: LateBelief = documented("what they make of measurements that come late", factory=LateBelief)
 
 
 @dataclass

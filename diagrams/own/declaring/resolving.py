@@ -16,6 +16,7 @@ from quietfix.diagrams.parts.resolving import PhaseResolution
 from quietfix.diagrams.schema.errors import UserError, choose
 from quietfix.systems.angles.phase import InterferometerPhase
 from quietfix.systems.atmosphere.delayed import in_vacuum
+from quietfix.systems.estimators.phase_resolver import PhaseCycles
 from quietfix.systems.measurement.tdoa import Tdoa
 
 __all__ = ["Resolvers", "open_cycles", "phase_resolvers", "two_differences"]
@@ -47,10 +48,21 @@ class Resolvers:
 
     def on(self, bus: Bus) -> list[str]:
         """Return the names of the rows of ``measurement``; what resolves phases is added if it is not there yet."""
-        rows = list(self.rows)
+        for one in self._in_turn():
+            one.on(bus)
+        return list(self.clearings[-1].stream)
+
+    @property
+    def clearings(self) -> list[PhaseCycles]:
+        """What they do, one after the other."""
+        return [one.cycles for one in self._in_turn()]
+
+    def _in_turn(self) -> list[PhaseResolution]:
+        rows, found = list(self.rows), []
         for one in self.each:
-            rows = replace(one, rows=rows).on(bus)
-        return rows
+            found.append(replace(one, rows=rows))
+            rows = list(found[-1].cycles.stream)
+        return found
 
 
 def two_differences(kinds: Sequence[Measured]) -> dict[str, Measured]:

@@ -86,14 +86,8 @@ class InteractingModels(Estimator):
         self.algorithm, self.motions, self.chain = algorithm, dict(motions), chain
         self._initial = np.array(initial, dtype=float)
         super().__init__(name, model, motion, start, wiring)
-        self.declare_output(
-            "probabilities",
-            wiring.trials,
-            len(self.motions),
-            lambda c: self.posterior_memory(c)["probabilities"],
-            {self.posterior_ticket},
-            [(own, "1") for own in self.motions],
-        )
+        named = [(own, "1") for own in self.motions]
+        self.tell("probabilities", len(self.motions), lambda memory: memory["probabilities"], named)
 
     def diagnostics(self) -> Sequence[str]:
         """See `Estimator.diagnostics`."""

@@ -129,7 +129,7 @@ class RangeDecomposed(Estimator):
         self.equation = self.position.equation
         self.plane_epochs = plane_epochs
         self.look_ahead = look_ahead
-        self.causal = not look_ahead
+        self.causal, self.begins_plainly = not look_ahead, not look_ahead
         self._observer = model.observer
         self._pattern: Pattern = pattern
         self._track: Pattern = track
@@ -197,8 +197,8 @@ class RangeDecomposed(Estimator):
             if self._search:
                 normal, sure = self._search.of_epochs(ahead, self._carriers, self._epoch(context), normal)
                 count_ = np.where(sure, float(self.plane_epochs), 0.0)
-            self._replace(discrete, "normal", normal)
-            self._replace(discrete, "count", count_)
+            for group, value in (("normal", normal), ("count", count_)):
+                discrete.get_mutable_value(self._state)[self._places[group]] = value.ravel()
 
     # ---- the plane
 
