@@ -30,8 +30,8 @@ def biased(assumed: Assumed, biases: Sequence[Bias], name: str, options: Any) ->
     if not own:
         return assumed
     if not getattr(options, "takes_biases", False):
-        kinds = "!Ekf, !Iekf, !Ukf, !Mgekf, a !Custom one"
-        raise UserError(f"estimators.{name}: it is not allowed with belief.biases; a Gaussian filter is ({kinds})")
+        kinds = "!Ekf, !Iekf, !Ukf, !Mgekf, !Imm, !Batch, a !Custom filter"
+        raise UserError(f"estimators.{name}: it is not allowed with belief.biases; allowed are {kinds}")
     size, taken = assumed.motion.size, [bias.name for bias in own if bias.name in assumed.motion.names]
     if taken:
         raise UserError(f"belief.biases: {taken[0]} is not allowed; the target's state has a component of that name")

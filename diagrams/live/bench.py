@@ -30,18 +30,19 @@ _UNKNOWN = np.full(6, np.nan)
 
 
 class Told(NamedTuple):
-    """What an estimator says at a tick: state (n,), covariance (n, n), NIS and its degrees of freedom."""
+    """What an estimator says then: state (n,), covariance (n, n), NIS and its degrees of freedom; if it is lost."""
 
     estimate: Array
     covariance: Array
     nis: float
     nis_dof: float
+    lost: bool
 
 
 def _told(ports: Sequence[OutputPort], context: Context) -> Told:
-    estimate, covariance, nis, freedom = (port.Eval(context) for port in ports)
+    estimate, covariance, nis, freedom, lost = (port.Eval(context) for port in ports)
     n = len(estimate)
-    return Told(estimate, covariance.reshape(n, n), float(nis[0]), float(freedom[0]))
+    return Told(estimate, covariance.reshape(n, n), float(nis[0]), float(freedom[0]), bool(lost[0]))
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ def lines_of(outcome: Outcome, bench: Bench, zero: Zero | None, counts: Mapping[
     found = []
     for name, told in outcome.told.items():
         states = _states(bench.estimators[name], told.estimate, told.covariance, bench.model.axes.geodetic)
-        nis = {"nis": _known(told.nis), "nis_dof": int(told.nis_dof)}
+        nis = {"nis": _known(told.nis), "nis_dof": int(told.nis_dof), "lost": told.lost}
         found.append(json.dumps({**head, "estimator": name, **states, **nis, **tail}, allow_nan=False))
     return found
 

@@ -142,17 +142,15 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
         seen = list(resolvers.rows) if raw else resolvers.on(bus)
         takes = {"measurement": "raw"} if raw and resolvers.each else {}
         takes |= dict.fromkeys(("noise_covariance", "start_noise_covariance"), "noise_covariance") if scaled else {}
-        clearings = () if raw else resolvers.clearings
-        rows = used_rows(sensors, options, name)
+        rows, clearings = used_rows(sensors, options, name), () if raw else resolvers.clearings
         return Assumed(rows, motion, start(name, options, seen), seen, takes, clearings=clearings)
 
-    own, late = _own_parts(scenario), _late(scenario, sensors) if fed is None else None
     notes = [differentiated(sensors, flight), doubt, _open(around, start), _doubtful(scenario, setting, kinds)]
     return Model(
         clock=clock,
         duration=fed.end if isinstance(fed, Played) else scenario.duration_s,
         divergence=scenario.divergence_m,
-        parts=[platforms, *parts[:1], *own["sensors"], *parts[1:], *needed, *own["estimators"]],
+        parts=_with_own(scenario, [platforms, *parts[:1]], [*parts[1:], *needed]),
         assume=assume,
         truth_motion=true_motion(scenario, flight),
         truth_states=motion.names if fed is None else motion.names[:6],
@@ -162,7 +160,7 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
         rows=resolvers.rows,
         step=scenario.target.step_s if isinstance(scenario.target, plants.Custom) else LONGEST_STEP,
         recorded=_recorded(fed, bool(truth), setting),
-        late=late,
+        late=_late(scenario, sensors) if fed is None else None,
         view=view_of(scenario.map, frame, setting, constants),
         biases=own_biases(scenario, sensors),
         note=" ".join(note for note in (*notes, *(fed.notes if fed else ())) if note),
@@ -219,12 +217,12 @@ def _open(around: Surroundings, start: Begin) -> str:
     return ""
 
 
-def _own_parts(scenario: OwnScenario) -> dict[str, list[Part]]:
-    """Return a user's parts by what they are put before."""
+def _with_own(scenario: OwnScenario, before: Sequence[Part], sensing: Sequence[Part]) -> list[Part]:
+    """Return all parts, with a user's own before the sensors and before the estimators."""
     found: dict[str, list[Part]] = {"sensors": [], "estimators": []}
     for i, field in enumerate(scenario.parts):
         found[field.before].append(field.part(f"parts.{i}"))
-    return found
+    return [*before, *found["sensors"], *sensing, *found["estimators"]]
 
 
 def _sensing(scenario: OwnScenario, sensors: Sequence[PlacedSensor], resolved: bool) -> list[Part]:

@@ -53,6 +53,16 @@ def _ticks(times: Array, clock: Clock) -> NDArray[np.intp]:
     return np.flatnonzero([clock.index(float(time)) is not None for time in times])
 
 
+def _counts(name: str) -> list[str]:
+    return [f"{name}/{port}" for port in ("releases", "restarts")]
+
+
+def _anew(counts: Sequence[Array]) -> NDArray[np.bool_] | None:
+    """Return at which epochs (time, trials) one of some counts (time, trials, 1) has grown."""
+    grown = [np.diff(count[..., 0], axis=0, prepend=count[:1, :, 0]) > 0 for count in counts]
+    return np.logical_or.reduce(grown) if grown else None
+
+
 def _smoothed(
     wired: Assembly,
     name: str,
@@ -67,7 +77,8 @@ def _smoothed(
     ports = ("whole", "whole_covariance") if whole else ("estimate", "covariance")
     mean, flat = (course[f"{name}/{port}"].copy() for port in ports)
     square = flat.reshape(*mean.shape, mean.shape[-1])
-    mean[own], square[own] = estimator.smoother.smooth(times[own], mean[own], square[own])
+    anew = _anew([course[key][own] for key in _counts(name) if key in course])
+    mean[own], square[own] = estimator.smoother.smooth(times[own], mean[own], square[own], anew)
     names = estimator.motion.reported.names
     if whole:
         n = len(names)

@@ -278,14 +278,14 @@ class Estimator(Watching):
     def _calc_posterior(self, context: Context) -> Remembered:
         """Return memory, innovation and which trials have started, after the measurement of now."""
         belief = self._measured(context)
-        if belief.state is not None:
+        if belief.state is not None:  # all of it is settled
             return belief
-        memory = self.recovered(self.settled(belief.memory), belief.innovation, lambda: self._given(context))
-        return belief if memory is belief.memory else belief.having(memory)
+        memory = self.settled(belief.memory)
+        return belief.having(self.recovered(memory, belief.innovation, lambda: self._given(context)))
 
     def _given(self, context: Context) -> Given:
-        inputs = {port: self.read(context, port) for port in self.start.inputs}
-        return Given(self.read(context, "measurement"), self._read_platforms(context), inputs, self._epoch(context))
+        told = self.read(context, "measurement"), self._read_platforms(context)
+        return Given(*told, {port: self.read(context, port) for port in self.start.inputs}, self._epoch(context))
 
     def _measured(self, context: Context) -> Remembered:
         tally("posterior", self)

@@ -83,6 +83,11 @@ class GatedKalman(KalmanEstimator):
         """See `Watching.may_begin_again`."""
         return self.restarts_when_lost or self.beginning
 
+    @property
+    def plain(self) -> bool:
+        """See `KalmanEstimator.plain`: what it counts does not change what its filter predicts."""
+        return type(self).predict is GatedKalman.predict and type(self).moments is KalmanEstimator.moments
+
     # ---- memory
 
     def memory_sizes(self) -> Mapping[str, int]:

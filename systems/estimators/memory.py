@@ -152,6 +152,8 @@ class Remembered:
 
     def having(self, memory: Memory) -> Remembered:
         """Return the same with another memory."""
+        if memory is self.memory:
+            return self
         return Remembered(memory, self._innovation, self.started, self.current, self.time, self.watch, self.state)
 
     def moments(self, summarise: Callable[[Memory], tuple[Array, Array]]) -> tuple[Array, Array]:

@@ -13,7 +13,23 @@ from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.starts.start import Start
 
-__all__ = ["EstimatorOptions"]
+__all__ = ["EstimatorOptions", "refuse_considered"]
+
+
+def refuse_considered(name: str, motion: MotionModel, what: str) -> None:
+    """Refuse biases that are only considered.
+
+    Raises
+    ------
+    ValueError
+        Naming the estimator, what it is, and the biases.
+    """
+    if motion.considered:
+        kept = [motion.names[i] for i in motion.considered]
+        raise ValueError(
+            f"estimators.{name}: {what} is not allowed with biases that are considered ({', '.join(kept)}); mode: "
+            "estimate"
+        )
 
 
 @dataclass(frozen=True)

@@ -131,8 +131,8 @@ class Watching(EnsembleBlock):
         """
         if wanted and not self.beginning:
             raise ValueError(
-                f"{where}: true is not allowed here; false, for {type(self.start).__name__} does not begin from a "
-                "measurement, and a trial that is lost in the middle of a run has nothing else"
+                f"{where}: true is not allowed where the start is a prior, for that says where the target was at the "
+                "first instant, not where it is when a trial is lost; false, or a start from measurements"
             )
         self.restarts_when_lost = wanted
         if wanted:

@@ -50,8 +50,12 @@ class FixedLag(EnsembleBlock):
     def __init__(self, filter_: KalmanEstimator, lag_s: float, end: float, name: str = "fixed_lag") -> None:
         super().__init__(name)
         motion = filter_.motion
-        if not filter_.plain or filter_.HasOutputPort("whole"):
-            raise ValueError(f"{name}: {filter_.get_name()} is not allowed; a filter of one mean and covariance")
+        goes_on = not filter_.may_begin_again and "releases" not in filter_.tallies()
+        if not (filter_.plain and goes_on) or filter_.HasOutputPort("whole"):
+            raise ValueError(
+                f"{name}: {filter_.get_name()} is not allowed; a filter of one mean and covariance, without a gate or "
+                "restart"
+            )
         self._smoother = Smoother(filter_.algorithm, motion)
         Smoother(filter_.algorithm, motion, lag_s)  # checks the lag
         self.lag, self._clock, n = float(lag_s), filter_.wiring.clock, motion.size

@@ -8,7 +8,7 @@ from quietfix.systems.batch.estimator import BatchEstimator
 from quietfix.systems.batch.solving import Rule
 from quietfix.systems.documented import count, number
 from quietfix.systems.estimators.base import Estimator
-from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.options import EstimatorOptions, refuse_considered
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.measurement.base import MeasurementModel
 from quietfix.systems.motion.base import MotionModel
@@ -28,7 +28,13 @@ class Batch(EstimatorOptions):
         "rows further off the path than so many sigmas of their noise are left out; null: none", None, above=0
     )
 
+    @property
+    def takes_biases(self) -> bool:
+        """See `EstimatorOptions.takes_biases`."""
+        return True
+
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""
+        refuse_considered(name, motion, "a window")
         rule = Rule(self.max_iterations, self.tolerance, self.edit_sigmas)
         return BatchEstimator(name, self.epochs, rule, model, motion, start, wiring)

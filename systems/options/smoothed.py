@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 from quietfix.systems.documented import documented, number
 from quietfix.systems.estimators.base import Estimator
-from quietfix.systems.estimators.gated_kalman import GatedKalman
 from quietfix.systems.estimators.kalman import KalmanEstimator
 from quietfix.systems.estimators.kalman_options import KalmanOptions
-from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.options import EstimatorOptions, refuse_considered
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import GaussianFilter
 from quietfix.systems.measurement.base import MeasurementModel
@@ -31,7 +30,8 @@ __all__ = ["Smoothed", "can_be_smoothed"]
 class Smoothed(EstimatorOptions):
     r"""Smoother (Rauch-Tung-Striebel) of a Kalman-type filter: what it knows of a state with later measurements too.
 
-    It looks back when a run is over; until then its ports carry what the filter knows.
+    It looks back when a run is over; until then its ports carry what the filter knows. Where a gate has opened, or a
+    trial has begun again, what was believed before was wrong: no later measurement says anything of that.
 
     .. math:: x^s = x + G\,(x^s_+ - x^-_+), \qquad P^s = P + G\,(P^s_+ - P^-_+)\,G^T, \qquad G = P A^T (P^-_+)^{-1}
 
@@ -67,18 +67,8 @@ class Smoothed(EstimatorOptions):
             raise ValueError(
                 f"estimators.{name}.measurements: {self.measurements} is not allowed; they are those of its filter"
             )
-        if motion.considered:
-            kept = [motion.names[i] for i in motion.considered]
-            raise ValueError(
-                f"estimators.{name}: a smoother is not allowed with biases that are considered ({', '.join(kept)}); "
-                "mode: estimate"
-            )
+        refuse_considered(name, motion, "a smoother")
         block = self.filter.make(name, model, motion, start, wiring)
-        if isinstance(block, GatedKalman) or block.may_begin_again:
-            raise ValueError(
-                f"estimators.{name}.filter: a gate or restart is not allowed here; a filter without, for no later "
-                "measurement says what was before a new beginning (robust works)"
-            )
         if not isinstance(block, KalmanEstimator) or not block.plain:
             raise ValueError(
                 f"estimators.{name}.filter: {type(self.filter).__name__} is not allowed; a filter of one mean and "

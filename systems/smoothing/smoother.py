@@ -16,6 +16,7 @@ from quietfix.systems.smoothing.backward import Link, backward, ends, link
 __all__ = ["Smoother"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Smoother:
         if self.lag is not None and not (math.isfinite(self.lag) and self.lag >= 0):
             raise ValueError(f"lag_s: {self.lag} is not allowed; a finite number >= 0, or null: the whole interval")
 
-    def smooth(self, times: Array, means: Array, covariances: Array) -> tuple[Array, Array]:
+    def smooth(self, times: Array, means: Array, covariances: Array, anew: Mask | None = None) -> tuple[Array, Array]:
         """Return means and covariances of all epochs given the later measurements too.
 
         Parameters
@@ -62,6 +63,9 @@ class Smoother:
         means, covariances : ndarray, shapes (time, trials, n) and (time, trials, n, n)
             Of the filter; NaN where a trial has not started, or is lost. There it stays NaN, and what is before counts
             as the end.
+        anew : ndarray of bool, shape (time, trials), optional
+            Epochs at which the filter has not gone on from what it predicted, but begun again or taken its belief for
+            too narrow: what is before counts as the end there, too.
 
         Returns
         -------
@@ -71,6 +75,8 @@ class Smoother:
             return means.copy(), covariances.copy()
         known: Any = np.isfinite(means).all(axis=-1) & np.isfinite(covariances).all(axis=(-1, -2))
         there = known[:-1] & known[1:]
+        if anew is not None:
+            there &= ~anew[1:]
         safe = np.where(known[..., None], means, 1.0)
         spread = np.where(known[..., None, None], covariances, np.eye(means.shape[-1]))
         shape = len(times) - 1, *covariances.shape[1:]

@@ -277,3 +277,33 @@ def test_station_residuals(estimator):
     # as without residuals: below 1, for the rocket flies otherwise than the filter believes
     assert 0.8 < nees.mean() / nominal[1].mean() < 1.2 and nees.mean() / 10 < 1.05
     assert np.sqrt(squares).max() < 1e3
+
+
+OTHERS = {
+    "estimators.window": "!Batch {epochs: 4}",
+    "estimators.imm": "!Imm {filter: !Iekf {}, models: {calm: !AsBelieved {}, agile: !AsBelieved "
+    "{added_density_m2ps3: 4}}, transitions: !Sojourn {mean_s: {calm: 1000, agile: 10}}}",
+}
+
+
+def test_windows_and_interacting_models_have_them_too():
+    """A plain augmentation: beside the filter with the same states, and not as far off as one without.
+
+    The three see the same measurements, and differ by what a window and a second motion change: 1 % and 2 % of the
+    RMSE here, 10 % are asked for. Without the bias the filter has 5 times the RMSE.
+    """
+    settings = dict(duration_s=40, **ROLL, **believing(roll_satellite_0={"sigma": 0.05}), **OTHERS)
+    found = study("three_satellite", ("iekf", "window", "imm"), 30, **settings)
+    want, _, bound = last(found)
+    for name in ("window", "imm"):
+        squares, nees, own = last(found, name)
+        assert own == bound and abs(rmse(squares) / rmse(want) - 1) < 0.1
+        assert nees.mean() < 9  # 6 +- 0.6 if the truth moved as they believe
+    assert found["bias_row"].values.tolist() == ["roll_satellite_0"]
+
+
+@pytest.mark.parametrize("name", ["window", "imm"])
+def test_which_do_not_only_consider_them(name):
+    with pytest.raises(UserError, match=rf"estimators\.{name}: .* biases that are considered \(roll_satellite_0\)"):
+        belief = believing(roll_satellite_0={"sigma": 0.05, "mode": "consider"})
+        study("three_satellite", (name,), 2, duration_s=3, **belief, **OTHERS)

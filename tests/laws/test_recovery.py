@@ -209,7 +209,9 @@ def test_lost_trials_begin_again_or_say_so():
 
 def test_a_beginning_needs_a_start_from_measurements():
     scene = Scene(1, 2)
-    with pytest.raises(ValueError, match=r"estimators\.one\.restart: true is not allowed here; .*GivenStart"):
+    with pytest.raises(
+        ValueError, match=r"estimators\.one\.restart: true is not allowed where the start is a prior, .*measurements"
+    ):
         scene.estimator("one", Ekf(restart=True))
     with pytest.raises(ValueError, match=r"estimators\.one\.gate: it is not allowed here; null"):
         scene.estimator("one", IekfHypotheses(gate=Gate()))

@@ -167,3 +167,21 @@ def test_the_bound_is_the_covariance_of_the_linear_case():
     sigma = np.sqrt(np.einsum("...ii->...i", expected[1]))
     difference = (found - expected[1]) / (sigma[..., :, None] * sigma[..., None, :])
     assert np.abs(difference).max() < 1e-9  # a square root there, a covariance here
+
+
+@pytest.mark.parametrize("lag", [None, 3.0])
+def test_a_new_beginning_ends_what_was_before(lag):
+    """Of a trial that begins anew, both parts are smoothed as if each were all there is; others go on, to the bit."""
+    rng = np.random.default_rng(8)
+    smoother = Smoother(IteratedExtendedKalman(), ConstantVelocity(0.5), lag)
+    means = np.cumsum(rng.normal(size=(EPOCHS, 3, 6)), axis=0)
+    covariances = np.broadcast_to(np.diag([4.0] * 3 + [1.0] * 3), (EPOCHS, 3, 6, 6))
+    anew = np.zeros((EPOCHS, 3), dtype=bool)
+    anew[7, 1] = True
+    found = smoother.smooth(TIMES, means, covariances, anew)
+    whole = smoother.smooth(TIMES, means, covariances)
+    parts = [smoother.smooth(TIMES[part], means[part], covariances[part]) for part in (slice(7), slice(7, None))]
+    for got, plain, halves in zip(found, whole, zip(*parts, strict=True), strict=True):
+        np.testing.assert_array_equal(got[:, [0, 2]], plain[:, [0, 2]])
+        np.testing.assert_allclose(got[:, 1], np.concatenate(halves)[:, 1], rtol=1e-12)
+        assert (got[:7, 1] != plain[:7, 1]).any()

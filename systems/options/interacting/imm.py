@@ -11,7 +11,7 @@ from quietfix.systems.clocks import first_ticks
 from quietfix.systems.documented import documented
 from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.kalman import KalmanEstimator
-from quietfix.systems.estimators.options import EstimatorOptions
+from quietfix.systems.estimators.options import EstimatorOptions, refuse_considered
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import GaussianFilter
 from quietfix.systems.measurement.base import MeasurementModel
@@ -47,9 +47,15 @@ class Imm(EstimatorOptions):
     filter: Ekf | Iekf | Ukf | Mgekf | custom.Custom = documented("the filter of each model", factory=Ekf)
     restart: bool = documented("a trial that is lost begins again from a measurement, where the start does", False)
 
+    @property
+    def takes_biases(self) -> bool:
+        """See `EstimatorOptions.takes_biases`."""
+        return True
+
     def make(self, name: str, model: MeasurementModel, motion: MotionModel, start: Start, wiring: Wiring) -> Estimator:
         """Return the estimator block."""
         where = f"estimators.{name}"
+        refuse_considered(name, motion, "!Imm")
         if not self.models:
             raise ValueError(f"{where}.models: none is given; at least one is needed")
         for own in self.models:

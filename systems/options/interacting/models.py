@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+from quietfix.systems.biases.walking import WithBiases
 from quietfix.systems.documented import documented, number, text
 from quietfix.systems.motion.base import MotionModel
 from quietfix.systems.motion.custom import CustomMotion, made
@@ -71,6 +72,8 @@ def model_of(field: motions.FreeMotion | Relative, believed: MotionModel, level:
     ValueError
         If the motion is not one of these states, or of a vertical that is none here.
     """
+    if isinstance(believed, WithBiases):
+        return WithBiases(model_of(field, believed.motion, level, where), believed.biases)
     if isinstance(believed, SideBySide):
         flight, *beside = believed.parts
         return SideBySide([model_of(field, flight, level, where), *beside])
