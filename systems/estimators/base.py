@@ -189,7 +189,6 @@ class Estimator(Watching):
         self._all_begun = self._everyone.astype(float).tobytes()
         self._layout = Layout(self._groups, self._reported, self._watched, self._everyone)
         self._steps_at_once: bool | None = None  # not known yet
-
         now = {self.xd_ticket(), self.time_ticket(), draw}
         self._prior = self.declare_cached("prior", type(self)._calc_prior, now)
         self._prior_is_read = False  # by a port: until then nothing but the posterior needs it, and that once
@@ -278,10 +277,10 @@ class Estimator(Watching):
     def _calc_posterior(self, context: Context) -> Remembered:
         """Return memory, innovation and which trials have started, after the measurement of now."""
         belief = self._measured(context)
-        if belief.state is not None:  # all of it is settled
+        if belief.state is not None:
             return belief
-        memory = self.settled(belief.memory)
-        return belief.having(self.recovered(memory, belief.innovation, lambda: self._given(context)))
+        told = belief.innovation, lambda: self._given(context)
+        return belief.having(self.recovered(self.settled(belief.memory), *told))
 
     def _given(self, context: Context) -> Given:
         told = self.read(context, "measurement"), self._read_platforms(context)

@@ -157,4 +157,4 @@ def test_of_a_filter_behind_a_gate():
     assert (told["s"] / bound).max() < 1.2 and (told["s"][:10] < 0.8 * told["g"][:10]).all()
     nees = study["nees"].sel(estimator="s").mean("trial").values[10:51]
     assert abs(nees.mean() - 6) < 1.0
-    assert int(study["restarts"].sel(estimator="s").sum()) > 0
+    assert study["restarts_s"].max() > 0
