@@ -1,4 +1,4 @@
-"""Every Python block of the README runs as it stands."""
+"""The README is short and its examples run as they stand; the user's filter of the site does what is said of it."""
 
 import os
 import re
@@ -12,31 +12,33 @@ import pytest
 from quietfix.diagrams import run_study
 
 PROJECT = Path(__file__).parents[1]
-BLOCKS = re.findall(r"```python\n(.*?)```", (PROJECT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+README = (PROJECT / "README.md").read_text(encoding="utf-8")
+GATES = (PROJECT / "docs" / "tasks" / "gates.md").read_text(encoding="utf-8")
+MOST_BYTES = 8000
 
 
-def run(code, folder):
-    environment = os.environ | {"PYTHONPATH": f"{PROJECT}{os.pathsep}{folder}"}
-    return subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=folder,
-        env=environment,
+def test_it_is_what_a_newcomer_needs():
+    assert len(README.encode()) < MOST_BYTES
+
+
+def test_its_examples_run(tmp_path):
+    """In the same way as those of the site's pages; see docs/_ext/example_blocks.py."""
+    done = subprocess.run(
+        [sys.executable, str(PROJECT / "docs" / "_ext" / "example_runs.py"), str(PROJECT / "README.md")],
+        env=os.environ | {"QUIETFIX_EXAMPLES": str(tmp_path)},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
         check=False,
     )
-
-
-@pytest.mark.parametrize("number", range(len(BLOCKS)))
-def test_block_runs(number, tmp_path):
-    done = run(BLOCKS[number], tmp_path)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "README.md" in done.stdout
+    assert (tmp_path / "README" / "drone.html").exists()
 
 
 @pytest.fixture
 def my_filters(tmp_path, monkeypatch):
-    (block,) = [block for block in BLOCKS if block.startswith("# my_filters.py")]
+    (block,) = re.findall(r"```python\n(# my_filters\.py\n.*?)```", GATES, re.DOTALL)
     (tmp_path / "my_filters.py").write_text(block, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     yield
@@ -49,7 +51,7 @@ def distances(estimators, trials, settings, seed=0):
     return np.linalg.norm((result["estimate"] - result["truth"]).values[..., :3], axis=-1)
 
 
-def test_users_filter_from_the_readme_takes_part_with_its_options(my_filters):
+def test_users_filter_takes_part_with_its_options(my_filters):
     """With a limit that nothing reaches it is `iekf`; with a narrow one it is not."""
     wide, narrow = (
         f"estimators.{name}=!Custom {{class: 'my_filters:Robust', options: {{sigmas: {sigmas}}}}}"
@@ -76,7 +78,7 @@ def check_no_harm(rate, seed, **options):
 
 
 @pytest.mark.parametrize(("rate", "ratio"), [(0.0, 1.005), (0.05, 0.7)])
-def test_users_filter_from_the_readme_does_no_harm(my_filters, rate, ratio):
+def test_users_filter_does_no_harm(my_filters, rate, ratio):
     end = check_no_harm(rate, 0, set=["duration_s=50"])
     assert end[1] < ratio * end[0]
 
@@ -84,15 +86,16 @@ def test_users_filter_from_the_readme_does_no_harm(my_filters, rate, ratio):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("rate", [0.0, 0.01, 0.05])
-def test_users_filter_from_the_readme_does_no_harm_at_full_length(my_filters, rate, seed):
+def test_users_filter_does_no_harm_at_full_length(my_filters, rate, seed):
     check_no_harm(rate, seed)
 
 
 @pytest.mark.slow
 def test_numbers_beside_the_users_filter(my_filters):
-    """The table of the README, to the rounding of its numbers."""
-    table = {0.0: (1007, 1001), 0.01: (1549, 993), 0.05: (3127, 1112)}
-    for rate, printed in table.items():
+    """The table of the page, to the rounding of its numbers."""
+    rows = [re.search(rf"^\| `{name}` \| (.*) \|$", GATES, re.MULTILINE)[1] for name in ("iekf", "my_filters:Robust")]
+    printed = np.array([[float(cell) for cell in row.split(" | ")] for row in rows])
+    for column, rate in enumerate((0.0, 0.01, 0.05)):
         end = distances(["iekf", "my_filters:Robust"], 100, [f"truth.errors.outlier_rate={rate}"])[..., -1]
-        np.testing.assert_allclose(np.sqrt(np.mean(end**2, axis=1)), printed, atol=1.0)
+        np.testing.assert_allclose(np.sqrt(np.mean(end**2, axis=1)), printed[:, column], atol=1.0)
         assert end.max() < 50e3

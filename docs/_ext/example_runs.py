@@ -13,6 +13,7 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -27,11 +28,10 @@ __all__ = ["PLACE", "run_pages"]
 
 DOCS = Path(__file__).resolve().parents[1]
 ROOT = DOCS.parent
-PLACE = DOCS / "_build" / "examples"
+PLACE = Path(os.environ.get("QUIETFIX_EXAMPLES") or DOCS / "_build" / "examples")
 LONGEST_S = 300
 NOT_SAID = ("compiling numerical kernels", "numerical kernels are compiled")
 """What is printed once for a machine."""
-_FOR_A_SHELL = set("|&;<>()$`*?[]#~=%\n\\{}")
 _SLOW_IMPORTS = (
     "matplotlib.pyplot",
     "quietfix",
@@ -96,14 +96,18 @@ def _shell(text: str, folder: Path, log: Path) -> int:
         ).returncode
 
 
+def _needs_a_shell(text: str) -> bool:
+    """Return whether a command is more than words, or starts processes that would import this again."""
+    if "--workers" in text:
+        return True
+    bare = re.sub(r"'[^']*'|\"[^\"$`]*\"", "", text.replace("\\\n", " "))
+    return bool(set(bare) & set("|&;<>()$`*?[]#~{}\\\n"))
+
+
 def _run_command(command: Command, block: Block, folder: Path, log: Path) -> str | None:
     """Run a command; return what is wrong with it, if anything is."""
     log.unlink(missing_ok=True)
-    words = [] if _FOR_A_SHELL & set(command.text.replace("=", "")) - {"\\", "\n"} else shlex.split(command.text)
-    if "'" in command.text:  # quotes keep the shell's own signs away
-        words = shlex.split(command.text)
-        if any(word in ("|", ">", "<", "&", "&&", ";", "2>") for word in words):
-            words = []
+    words = [] if _needs_a_shell(command.text) else shlex.split(command.text.replace("\\\n", " "))
     if words[:1] == ["quietfix"]:
         status = _forked(words[1:], folder, log)
     else:
@@ -139,6 +143,7 @@ def _run_page(page: Path, folder: Path) -> list[tuple[int, str]]:
     """Run the examples of a page; return lines and what is wrong there."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
+    (folder / "tests").symlink_to(ROOT / "tests")  # pages name files of the clone
     try:
         blocks = blocks_of(page)
     except UnclearError as error:

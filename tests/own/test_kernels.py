@@ -172,9 +172,9 @@ def folder(tmp_path, monkeypatch):
     sys.modules.pop("own_kernels", None)
 
 
-def test_the_readme_shows_this_kernel(project_root):
-    text = (project_root / "README.md").read_text(encoding="utf-8")
-    shown = re.search(r"(@kernel\ndef squared.*?)\n\n\ndef equations.*?\n +(return.*?)\n```", text, re.DOTALL)
+def test_the_site_shows_this_kernel(project_root):
+    text = (project_root / "docs" / "tasks" / "custom.md").read_text(encoding="utf-8")
+    shown = re.search(r"(@kernel\ndef squared.*?)\n\n\nclass .*?def equations.*?\n +(return.*?)\n```", text, re.DOTALL)
     assert shown and shown[1] in MODULE and shown[2] in MODULE
 
 
