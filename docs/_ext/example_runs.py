@@ -149,7 +149,9 @@ def _run_page(page: Path, folder: Path) -> list[tuple[int, str]]:
     except UnclearError as error:
         return [(error.line, str(error))]
     for block in blocks:
-        if block.skip or (block.newcomer and not block.file):
+        if block.instead:
+            block.commands = [Command(block.commands[-1].line, block.instead, block.commands[-1].shown)]
+        elif block.skip or block.newcomer:
             continue
         if wrong := list(_run_block(block, folder)):
             return wrong

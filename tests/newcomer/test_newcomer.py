@@ -1,7 +1,7 @@
 """As a newcomer would: from a clone to the report of a system of one's own, by the commands of the site's first pages.
 
-The commands, files and what is printed are taken from the pages, so they cannot drift apart. One shell runs them all, in
-a fresh clone, with an environment that `make demo` makes there.
+The commands, files and what is printed are taken from the pages, so they cannot drift apart. One shell runs them all,
+in a fresh clone, with an environment that `make demo` makes there.
 """
 
 import os
