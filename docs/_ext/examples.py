@@ -21,7 +21,12 @@ _RUNNER = Path(__file__).with_name("example_runs.py")
 
 
 def _run(app: Sphinx) -> None:
-    """Run the examples in a process of their own, which forks, and say what is wrong."""
+    """Run the examples in a process of their own, which forks, and say what is wrong.
+
+    ``-D run_examples=0`` leaves them as the last build made them: for who writes.
+    """
+    if not app.config.run_examples:
+        return
     docs = Path(app.srcdir)
     pages = sorted(page for page in docs.rglob("*.md") if not {"_build", "_ext"} & set(page.relative_to(docs).parts))
     subprocess.run([sys.executable, str(_RUNNER), *map(str, pages)], stdout=subprocess.DEVNULL, check=False)
@@ -44,6 +49,7 @@ def _keep_reports(app: Sphinx, error: Exception | None) -> None:
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register with Sphinx."""
+    app.add_config_value("run_examples", True, "", [bool])
     app.connect("builder-inited", _run, priority=100)  # figures are there before pages are read
     app.connect("build-finished", _keep_reports)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
