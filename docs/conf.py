@@ -58,12 +58,13 @@ html_theme_options = {
     "navigation_with_keys": False,
     "show_prev_next": True,
     "show_toc_level": 2,
-    "header_links_before_dropdown": 6,
+    "header_links_before_dropdown": 7,
     "navbar_align": "left",
     "footer_start": ["copyright"],
     "footer_end": [],
     "secondary_sidebar_items": ["page-toc"],
 }
+html_sidebars = {"index": [], "start": [], "own": []}
 html_context = {"default_mode": "auto"}
 
 linkcheck_ignore = [r"https?://.*"]
