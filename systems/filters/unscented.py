@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.documented import number
+from quietfix.systems.documented import count, number
 from quietfix.systems.filters.gaussian import GaussianFilter, Regression, predict_extended
 from quietfix.systems.filters.observation import Observation
 from quietfix.systems.filters.square_root import Gains, Posterior, report
@@ -37,6 +38,12 @@ class UnscentedKalman(GaussianFilter):
     ----------
     alpha, beta, kappa : float
         Spread (> 0), weight of the centre in the covariance, secondary scaling (n + kappa > 0).
+    iterations : int
+        How often a measurement is linearised: over the prediction, then over what the linearisation before has left
+        (iterated posterior linearisation: Garcia-Fernandez, Svensson, Morelande and Sarkka, *Posterior linearization
+        filter: principles and implementation using sigma points*, IEEE Trans. Signal Processing 63 (2015) 5561-5573).
+        Over a wide prediction the regression takes the bend of the measurement for noise that is independent of the
+        state, which it is not, and the posterior claims too much; a second one is made where the target is.
 
     Notes
     -----
@@ -50,6 +57,7 @@ class UnscentedKalman(GaussianFilter):
     alpha: float = number("spread of the sigma points", 1.0, above=0)
     beta: float = number("extra weight of the centre in covariances (2: Gaussian)", 0.0)
     kappa: float = number("secondary scaling; n + kappa > 0", 0.0)
+    iterations: int = count("linearisations of a measurement, each over what the one before it leaves", 1, at_most=100)
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -58,6 +66,8 @@ class UnscentedKalman(GaussianFilter):
         for name in ("beta", "kappa"):
             if not math.isfinite(getattr(self, name)):
                 raise ValueError(f"{name}: {getattr(self, name)} is not allowed; a finite number")
+        if not (isinstance(self.iterations, int) and self.iterations >= 1):
+            raise ValueError(f"iterations: {self.iterations} is not allowed; a whole number >= 1")
 
     def _weights(self, n: int) -> tuple[float, float, float]:
         """Return c, the weight of an outer point, and the centre's weight in a covariance."""
@@ -105,19 +115,42 @@ class UnscentedKalman(GaussianFilter):
     def whole_update(self, states: int) -> tuple[Update, Array] | None:
         """See `GaussianFilter.whole_update`."""
         kind = type(self)
-        if kind.update is not UnscentedKalman.update or kind.predict is not UnscentedKalman.predict:
+        own = kind.update is UnscentedKalman.update and kind.predict is UnscentedKalman.predict
+        if not own or self.iterations > 1:
             return None
         return UNSCENTED, settings(*self._weights(states))
 
     def update(self, mean: Array, covariance: Array, observation: Observation, model: MeasurementModel) -> Posterior:
         """See `GaussianFilter.update`."""
-        n = mean.shape[-1]
-        weights = c, weight, centre = self._weights(n)
+        weights = self._weights(mean.shape[-1])
         compiled = program(model)
-        if compiled is not None:
+        if compiled is not None and self.iterations == 1:
             value, platforms, noise = observation.value, observation.platforms, observation.noise_covariance
             return Posterior(*updated(mean, covariance, value, platforms, noise, compiled, weights))
-        root = cholesky(covariance)
+        prior = cholesky(covariance)
+        first = seen = self._seen(mean, prior, weights, observation, model)
+        gains = Gains(prior, seen.inflated @ np.swapaxes(seen.odd, -1, -2))
+        step, nis = gains.update((seen.inflated @ seen.innovation[..., None])[..., 0])
+        for _ in range(self.iterations - 1):
+            at, after = mean + step, gains.covariance()
+            root = cholesky(after)
+            seen = self._seen(at, root, weights, observation, model)
+            slope = np.swapaxes(seen.odd, -1, -2) @ inverse_lower(root)
+            left = seen.innovation + (slope @ step[..., None])[..., 0]
+            gains = Gains(prior, seen.inflated @ (slope @ prior))
+            step, nis = gains.update((seen.inflated @ left[..., None])[..., 0])
+        return report(mean + step, gains.covariance(), first.innovation, nis, first.missing)
+
+    def _seen(
+        self,
+        mean: Array,
+        root: Array,
+        weights: tuple[float, float, float],
+        observation: Observation,
+        model: MeasurementModel,
+    ) -> _Seen:
+        """Return the measurement linearised statistically over a belief with the covariance L L'."""
+        n, (c, weight, centre) = mean.shape[-1], weights
         values = model.predict(_points(mean, c * root), observation.platforms[:, None])
         middle = values[..., :1, :]
         moved = model.residual(values[..., 1:, :], middle)
@@ -137,10 +170,16 @@ class UnscentedKalman(GaussianFilter):
         bend = (w @ shift[..., None])[..., 0]
         omega = 2 * weight * (np.swapaxes(bends, -1, -2) @ bends)
         omega += centre * bend[..., :, None] * bend[..., None, :]
-        inflated = inverse_lower(cholesky(np.eye(model.size) + omega)) @ w
-        gains = Gains(root, inflated @ np.swapaxes(odd, -1, -2))
-        step, nis = gains.update((inflated @ innovation[..., None])[..., 0])
-        return report(mean + step, gains.covariance(), innovation, nis, missing)
+        return _Seen(innovation, odd, inverse_lower(cholesky(np.eye(model.size) + omega)) @ w, missing)
+
+
+class _Seen(NamedTuple):
+    """A measurement over a belief: innovation (trials, m), Y' (trials, n, m), and what whitens by R + Omega."""
+
+    innovation: Array
+    odd: Array
+    inflated: Array
+    missing: NDArray[np.bool_] | None
 
 
 def _points(mean: Array, spread: Array) -> Array:
