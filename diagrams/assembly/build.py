@@ -11,6 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from quietfix.diagrams.assembly.biased import biased
 from quietfix.diagrams.assembly.bus import Bus
 from quietfix.diagrams.assembly.checks import check_assumed
+from quietfix.diagrams.assembly.dot import Notes
 from quietfix.diagrams.assembly.late import LateRefusal, refusals
 from quietfix.diagrams.assembly.model import Assumed, Model
 from quietfix.diagrams.quantities.frame import LOCAL
@@ -153,6 +154,22 @@ class Assembly:
         if "platforms" not in self.bus:
             return rows
         return rows | {self.platforms.get_system().get_name(): list(self.platform_names)}
+
+    def notes(self, trials: int | None = None) -> Notes:
+        """Return what a drawing says of a run of so many trials; None: how many is not known."""
+        units = {}
+        for signal in ("platforms", "known"):
+            if signal in self.bus:
+                units[self._origin(signal)] = ["m", "m/s"]
+        if "truth" in self.bus:
+            states = [row for e in self.estimators.values() for row in components_of(e.motion.reported)]
+            known = {row.name: row.unit for row in reversed(states)}
+            units[self._origin("truth")] = [known.get(name, "") for name in self.truth_names]
+        return Notes(self.dashed, self.contents, tuple(self.estimators), trials, units)
+
+    def _origin(self, signal: str) -> tuple[str, str]:
+        port = self.bus[signal]
+        return port.get_system().get_name(), port.get_name()
 
     @property
     def row_units(self) -> dict[str, str]:

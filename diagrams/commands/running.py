@@ -265,8 +265,7 @@ def draw_command(
     settings = with_data(found, settings, data)
     with written_beside(path) as beside:
         study = Study(found, scenario=scenario, estimators=estimators, set=settings, trials=1)
-        wired = study.probe
-        draw(study.picture, beside, dashed=wired.dashed, header=system, contents=wired.contents)
+        draw(study.picture, beside, system, study.probe.notes())
     tell(system=found.reference, variant=found.variant, file=str(path), replaced=existed)
     done(f"{'replaced' if existed else 'wrote'} {path}")
 

@@ -12,6 +12,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from scipy.interpolate import PchipInterpolator, make_interp_spline
+from scipy.ndimage import distance_transform_edt
 
 from quietfix.diagrams.figures.shared.labels import name_places
 from quietfix.diagrams.figures.shared.style import new_figure, save
@@ -28,6 +30,9 @@ _LEVELS = _series([1.0, 1.5, 2.0, 3.0, 5.0, 7.0])
 _FINE = _series([1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0, 9.0])
 _TRACK, _POINT = "#d55e00", "#a0407c"
 _MARKER: dict[str, Any] = {"markeredgecolor": "white", "markersize": 10}
+_SMOOTHED = 4  # points along a side, from which on contours are smoothed
+_TIMES, _FINEST = 8, 800  # how many times finer, and points along a side at most
+_SEEN = 0.499  # share of the points around that are seen
 _WIDEST = 115  # characters of a title
 _FEW, _MOST = 7, 16  # levels on a map: with fewer finer ones, with more every other one
 _TITLES = {"position": "position error (root of the trace)", "height": "height error", "velocity": "velocity error"}
@@ -67,17 +72,16 @@ def _draw(dataset: xr.Dataset, index: int, quantity: str) -> Figure:
     unit = "km" if unit == "m" and (finite.size == 0 or np.median(finite) >= 300) else unit
     values = values / (1e3 if unit == "km" else 1.0)
     levels = _levels(values)
+    fine = _smooth(vertical, horizontal, values)
     filled = axes.contourf(
-        horizontal,
-        vertical,
-        values,
+        *fine,
         levels,
         norm=LogNorm(levels[0], levels[-1]),
         cmap="viridis_r",
         alpha=0.75,
         extend="both",
     )
-    lines = axes.contour(horizontal, vertical, values, levels, colors="black", linewidths=0.9)
+    lines = axes.contour(*fine, levels, colors="black", linewidths=0.9)
     axes.clabel(lines, fmt=lambda level: f"{level:g}", fontsize=12)
     bar = figure.colorbar(filled, ax=axes, shrink=0.8, ticks=levels, format=lambda level, _: f"{level:g}")
     bar.set_label(f"bound [{unit}]")
@@ -101,6 +105,29 @@ def _draw(dataset: xr.Dataset, index: int, quantity: str) -> Figure:
     axes.set_title("\n".join(fill(line, _WIDEST) for line in lines), fontsize=12)
     _name(figure, axes, dataset)
     return figure
+
+
+def _smooth(vertical: np.ndarray, horizontal: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return x, y and values of a finer grid, between whose points contours have no corners.
+
+    The logarithm is interpolated by monotone cubics, which make no peak that the points do not have; half a step beyond
+    the last point that is seen the map ends.
+    """
+    known = np.isfinite(values) & (values > 0)
+    if min(values.shape) < _SMOOTHED or known.sum() < _SMOOTHED**2:
+        return horizontal, vertical, values
+    # points that are not seen take the value of the nearest one that is, so that the edge can be crossed
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    log = np.log(values[tuple(nearest)])
+    times = max(1, min(_TIMES, _FINEST // max(values.shape)))
+    y, x = (_finer(along, times) for along in (vertical, horizontal))
+    fine = PchipInterpolator(horizontal, PchipInterpolator(vertical, log, axis=0)(y), axis=1)(x)
+    share = make_interp_spline(horizontal, make_interp_spline(vertical, known.astype(float), 1)(y), 1, axis=1)(x)
+    return x, y, np.where(share > _SEEN, np.exp(fine), np.nan)
+
+
+def _finer(along: np.ndarray, times: int) -> np.ndarray:
+    return np.interp(np.arange((along.size - 1) * times + 1) / times, np.arange(along.size), along)
 
 
 def _name(figure: Figure, axes: Any, dataset: xr.Dataset) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from quietfix.diagrams.figures.shared.style import grid, new_figure, time_label, title
+from quietfix.diagrams.figures.shared.style import grid, legend_beside, looks_of, new_figure, time_label, title
 
 __all__ = ["draw_models", "with_models"]
 
@@ -43,14 +43,16 @@ def draw_models(dataset: xr.Dataset) -> Figure:
     time = dataset["time"].values
     for axes, name in zip(panels[:, 0], names, strict=True):
         values = dataset[f"{_PORT}{name}"]
-        for j, model in enumerate(values[values.dims[-1]].values):
+        models = [str(model) for model in values[values.dims[-1]].values]
+        seen = {model: look for group in looks_of(models) for model, look in group.items()}
+        for j, model in enumerate(models):
             one = values.values[..., j]
             low, high = np.nanquantile(one, [0.25, 0.75], axis=0)
-            (line,) = axes.plot(time, np.nanmean(one, axis=0), label=str(model))
-            axes.fill_between(time, low, high, color=line.get_color(), alpha=0.15, linewidth=0)
+            axes.plot(time, np.nanmean(one, axis=0), label=model, **seen[model].line())
+            axes.fill_between(time, low, high, color=seen[model].color, alpha=0.15, linewidth=0)
         axes.set(ylabel=f"probability, {name}", ylim=(-0.02, 1.02), xlim=(time[0], time[-1]))
         grid(axes)
-        axes.legend(title="mean; middle half of the trials", loc="center left", bbox_to_anchor=(1.0, 0.5))
+        legend_beside(axes, title="mean; middle half of the trials")
     panels[-1, 0].set_xlabel(time_label(dataset))
     figure.suptitle(title(dataset))
     return figure

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from quietfix.diagrams.figures.shared.style import PlainLog, grid, log_scale, new_figure, save
+from quietfix.diagrams.figures.shared.style import COLOURS, PlainLog, grid, log_scale, new_figure, save
 
 __all__ = ["draw_observability", "observe_figures"]
 
@@ -62,17 +62,17 @@ def draw_observability(one: Mapping[str, Any], time_s: Sequence[float], title: s
     grid(above)
     above.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=10, frameon=False)
     shares = np.array(one["weakest"], dtype=float)
-    order = [i for i in np.argsort(-shares.max(axis=0)) if shares[:, i].max() > 0.05][:8]
+    order = [i for i in np.argsort(-shares.max(axis=0)) if shares[:, i].max() > 0.05][: len(COLOURS)]
     rest = 1 - shares[:, order].sum(axis=-1)
     if elapsed.size > 1:
-        below.stackplot(time, shares[:, order].T, labels=[components[i] for i in order], alpha=0.85, step="post")
+        below.stackplot(time, shares[:, order].T, labels=[components[i] for i in order], colors=COLOURS, step="post")
         if rest.max() > 0.01:
             below.fill_between(time, 1 - rest, 1, color="0.8", step="post", label="others, below 5 % each")
     else:
         below.bar([time[0]], [1.0], width=0.1, color="none")
         bottom = 0.0
-        for i in order:
-            below.bar([time[0]], shares[0, i], bottom=bottom, width=0.1, label=components[i])
+        for i, color in zip(order, COLOURS, strict=False):
+            below.bar([time[0]], shares[0, i], bottom=bottom, width=0.1, label=components[i], color=color)
             bottom += shares[0, i]
     below.set(xlabel=f"time since the first epoch, plus one period ({step:g} s)", ylabel="worst direction consists of")
     below.set_ylim(0, 1)

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
+from matplotlib.transforms import ScaledTranslation
 
 from quietfix.diagrams.figures.shared.curves import labelled
 from quietfix.diagrams.figures.shared.limits import curve_span, mark_beyond
@@ -26,6 +27,7 @@ from quietfix.diagrams.figures.shared.style import (
 __all__ = ["draw_sweep"]
 
 _INTERVAL = ("value", "low", "high")
+_APART = 5.0  # points between the estimators of a value
 _PANELS = (
     ("rmse_position_m", "position RMSE [m]"),
     ("efficiency", "RMSE / bound"),
@@ -80,12 +82,17 @@ def _draw(axis: Any, values: Any, rows: Mapping[str, Any], metric: str, group: M
     for name, (centre, _, _) in curves.items():
         if name not in group:
             axis.plot(values, centre, color=OTHERS, linewidth=1.0, zorder=1)
-    for name, look in group.items():
+    for i, (name, look) in enumerate(group.items()):
         centre, low, high = curves[name]
-        axis.fill_between(values, low, high, color=look.color, alpha=0.18, linewidth=0)
-        told = span.told(centre)
-        axis.plot(values, centre, label=labelled(name, told), **{"marker": look.marker, "markersize": 6}, **look.line())
+        # a little beside each other, so that none hides another's interval
+        beside = ScaledTranslation(_APART * (i - (len(group) - 1) / 2) / 72, 0, axis.figure.dpi_scale_trans)
+        place = axis.transData + beside
+        axis.vlines(values, low, high, color=look.color, linewidth=1.6, alpha=0.75, transform=place)
+        dots = {"marker": look.marker, "markersize": look.markersize + 2}
+        label = labelled(name, span.told(centre))
+        axis.plot(values, centre, label=label, transform=place, **dots, **look.line())
         mark_beyond(axis, values, centre, span, look.color)
+    _include(axis, [part for name in group for part in curves[name]], values)
     if metric != "rmse_position_m":
         axis.axhline(1.0, color="0.4", linewidth=1.0, zorder=0)
     if metric == "nees_per_state":
@@ -93,6 +100,15 @@ def _draw(axis: Any, values: Any, rows: Mapping[str, Any], metric: str, group: M
     log_scale(axis)
     span.limit(axis)
     grid(axis)
+
+
+def _include(axis: Any, parts: Sequence[Any], values: Any) -> None:
+    """Let the axes hold what is drawn: Matplotlib leaves out what is moved aside."""
+    known = np.concatenate([part[np.isfinite(part) & (part > 0)] for part in parts])
+    if known.size:
+        corners = np.array([[values.min(), known.min()], [values.max(), known.max()]])
+        axis.update_datalim(corners)
+        axis.autoscale_view()
 
 
 def _parts(entries: Sequence[Mapping[str, float | None]]) -> tuple[Any, Any, Any]:
@@ -104,7 +120,7 @@ def _parts(entries: Sequence[Mapping[str, float | None]]) -> tuple[Any, Any, Any
 
 def _legends(every: Any, percent: str, several: bool) -> None:
     extra = [
-        Line2D([], [], color="0.4", alpha=0.3, linewidth=8, label=f"{percent} interval"),
+        Line2D([], [], color="0.4", marker="|", markersize=12, linestyle="none", label=f"{percent} interval"),
         Line2D([], [], color="0.6", alpha=0.5, linewidth=8, label=f"{percent} band of a\nconsistent filter"),
     ]
     for axis in every[0]:

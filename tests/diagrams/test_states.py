@@ -130,7 +130,7 @@ def test_figures_of_different_states(data):
     for name, freedom in zip(STATES, (4, 4, 4, 2), strict=True):
         mean = data["nees"].sel(estimator=name).mean("trial")
         np.testing.assert_allclose(drawn[name], mean / freedom, rtol=1e-12)
-    right = draw_ground(data).axes[1]
+    right = next(axes for axes in draw_ground(data).axes if axes.get_title().startswith("estimate minus truth"))
     dots = next(line for line in right.get_lines() if line.get_label() == "turned").get_xydata()
     offset = errors(data)["position"].sel(estimator="turned").isel(time=-1).values
     unit = {"east [m]": 1.0, "east [km]": 1e3}[right.get_xlabel()]

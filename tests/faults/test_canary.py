@@ -124,7 +124,7 @@ def test_draw_replaces_the_file_that_is_named_and_says_so(tree, capsys, monkeypa
     assert quietfix("draw", "three_satellite") == 2  # nobody named it
     assert (tree / "three_satellite.svg").read_text() == "<svg>mine</svg>"
 
-    def fail(diagram, path, **options):
+    def fail(diagram, path, *options):
         path.write_text("half")
         raise OSError(28, "No space left on device")
 

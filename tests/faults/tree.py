@@ -49,7 +49,7 @@ class ShortStudy:
     """Stands for `quietfix.diagrams.studies.study.Study` where what is written matters, and not what is in it."""
 
     request = SimpleNamespace(trials=4, system="three_satellite", threads=1)
-    picture, probe = None, SimpleNamespace(dashed=(), contents=())  # `draw` below does not look at them
+    picture, probe = None, SimpleNamespace(notes=lambda *_: None)  # `draw` below does not look at them
     recorded = None
 
     def __init__(self, system, **options):
@@ -86,7 +86,7 @@ class ShortStudy:
         return chunk(0, 1).attrs
 
 
-def draw(diagram, path, **options):
+def draw(diagram, path, *options):
     """Write what is known as a drawing of the program's."""
     path.write_bytes(b"<!-- a block diagram drawn by quietfix --><svg/>")
 

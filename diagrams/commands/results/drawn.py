@@ -37,4 +37,4 @@ def draw_diagram(study: Any, folder: Path) -> None:
     from quietfix.diagrams.assembly.drawing import draw
 
     header = f"{study.request.system}: {study.request.trials} trials"
-    draw(study.picture, folder / "diagram.svg", dashed=study.probe.dashed, header=header, contents=study.probe.contents)
+    draw(study.picture, folder / "diagram.svg", header, study.probe.notes(study.request.trials))
