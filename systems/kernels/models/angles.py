@@ -17,7 +17,8 @@ __all__ = ["bearing", "direction", "direction_cosines", "horizon_bearing"]
 @inlined
 def _angles(x: float, y: float, z: float, value: Any) -> None:
     """Write the azimuth of an offset and, where there is room, its elevation; NaN for one that has no azimuth."""
-    value[0] = math.nan if x == 0.0 and y == 0.0 else angle(y, x)
+    azimuth = angle(y, x)  # before it is chosen, see `angle`
+    value[0] = math.nan if x == 0.0 and y == 0.0 else azimuth
     if value.shape[0] > 1:
         value[1] = angle(z, math.sqrt(x * x + y * y))
 
@@ -76,7 +77,8 @@ def direction(state: Any, platforms: Any, parameters: Any, value: Any, jacobian:
     x, y, z = ax * u + ay * v + az * w, bx * u + by * v + bz * w, cx * u + cy * v + cz * w
     square = x * x + y * y
     ground = math.sqrt(square)
-    value[0] = math.nan if square == 0.0 else angle(y, x)
+    azimuth = angle(y, x)  # before it is chosen, see `angle`
+    value[0] = math.nan if square == 0.0 else azimuth
     value[1] = angle(z, ground)
     if jacobian.shape[0] > 0:
         level, steep = square * distance, z / ground

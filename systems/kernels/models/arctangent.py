@@ -23,9 +23,11 @@ def angle(y: float, x: float) -> float:
     """
     across, along = math.fabs(y), math.fabs(x)
     steep = across > along
-    low, high = (along, across) if steep else (across, along)
+    low, high = (along if steep else across), (across if steep else along)
     turned = low > 0.66 * high
-    above, below = (low - high, low + high) if turned else (low, high)
+    # what is chosen from is worked out before, both ways: otherwise the compiler makes a branch of the choice
+    less, more = low - high, low + high
+    above, below = (less if turned else low), (more if turned else high)
     t = above / (1.0 if below == 0.0 else below)
     z = t * t
     p = -8.750608600031904122785e-1
@@ -39,7 +41,11 @@ def angle(y: float, x: float) -> float:
     q = q * z + 4.853903996359136964868e2
     q = q * z + 1.945506571482613964425e2
     found = t * (z * (p / q)) + t
-    found = _EIGHTH + (found + _EIGHTH_REST) if turned else found
-    found = _QUARTER - (found - _QUARTER_REST) if steep else found
-    found = math.pi - (found - _HALF_REST) if x < 0.0 else found
-    return -found if y < 0.0 else found
+    other = _EIGHTH + (found + _EIGHTH_REST)
+    found = other if turned else found
+    other = _QUARTER - (found - _QUARTER_REST)
+    found = other if steep else found
+    other = math.pi - (found - _HALF_REST)
+    found = other if x < 0.0 else found
+    other = -found
+    return other if y < 0.0 else found

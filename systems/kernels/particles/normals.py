@@ -33,8 +33,9 @@ def draw(state: Any, out: Any) -> None:
     Doty-Humphrey's small fast chaotic one, of 256 bits.
     """
     i, count = 0, out.shape[0]
+    a, b, c, d = state[0], state[1], state[2], state[3]  # in registers: for all the compiler knows, `out` overlaps it
     while i < count:
-        word = _next(state)
+        word, a, b, c, d = _next(a, b, c, d)
         layer = word & _WORD(0xFF)
         place = (word >> _WORD(9)) & _WORD(0x000FFFFFFFFFFFFF)
         x = float(np.int64(place)) * wi_double[layer]
@@ -44,37 +45,37 @@ def draw(state: Any, out: Any) -> None:
             out[i] = x
             i += 1
         elif layer == _WORD(0):
-            beyond = _beyond(state)
+            beyond, a, b, c, d = _beyond(a, b, c, d)
             out[i] = -beyond if (place >> _WORD(8)) & _WORD(1) else beyond
             i += 1
         else:
             low, high = fi_double[layer], fi_double[layer - _WORD(1)]
-            if (high - low) * _uniform(state) + low < math.exp(-0.5 * x * x):
+            word, a, b, c, d = _next(a, b, c, d)
+            if (high - low) * _uniform(word) + low < math.exp(-0.5 * x * x):
                 out[i] = x
                 i += 1
+    state[0], state[1], state[2], state[3] = a, b, c, d
 
 
 @inlined
-def _next(state: Any) -> Any:
-    """Return the next word of the generator."""
-    word = state[0] + state[1] + state[3]
-    state[3] += _WORD(1)
-    state[0] = state[1] ^ (state[1] >> _WORD(11))
-    state[1] = state[2] + (state[2] << _WORD(3))
-    state[2] = ((state[2] << _WORD(24)) | (state[2] >> _WORD(40))) + word
-    return word
+def _next(a: Any, b: Any, c: Any, d: Any) -> Any:
+    """Return the next word of the generator, and its state then."""
+    word = a + b + d
+    return word, b ^ (b >> _WORD(11)), c + (c << _WORD(3)), ((c << _WORD(24)) | (c >> _WORD(40))) + word, d + _WORD(1)
 
 
 @inlined
-def _uniform(state: Any) -> float:
-    return float(np.int64(_next(state) >> _WORD(11))) * _ULP
+def _uniform(word: Any) -> float:
+    return float(np.int64(word >> _WORD(11))) * _ULP
 
 
 @inlined
-def _beyond(state: Any) -> float:
-    """Return a number beyond the ziggurat's last layer."""
+def _beyond(a: Any, b: Any, c: Any, d: Any) -> Any:
+    """Return a number beyond the ziggurat's last layer, and the state of the generator then."""
     while True:
-        x = -ziggurat_nor_inv_r * math.log1p(-_uniform(state))
-        y = -math.log1p(-_uniform(state))
+        one, a, b, c, d = _next(a, b, c, d)
+        other, a, b, c, d = _next(a, b, c, d)
+        x = -ziggurat_nor_inv_r * math.log1p(-_uniform(one))
+        y = -math.log1p(-_uniform(other))
         if y + y > x * x:
-            return ziggurat_nor_r + x
+            return ziggurat_nor_r + x, a, b, c, d
