@@ -26,17 +26,53 @@ _ROOM = Path(__file__).parent
 _ALWAYS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
 _INNER: dict[str, Any] = {**_ALWAYS, "no_cpython_wrapper": True}
 
+_LOOPS = "quietfix.systems.kernels.particles."
 _one_at_a_time = threading.RLock()
 
 _njit = cast(Any, numba.njit)  # its type does not list all of its options
 
-inlined = _njit(**_INNER, _nrt=False, forceinline=True)
+
+@contextmanager
+def _neighbours_together(wanted: bool) -> Iterator[None]:
+    """Have what is the same for numbers side by side done in one instruction, or not, within this block.
+
+    numba leaves that off by default; it changes no sum's order, and no bit. For all else that a process compiles with
+    numba the setting stays what it was.
+    """
+    settings = cast(Any, config)
+    before = settings.SLP_VECTORIZE
+    settings.SLP_VECTORIZE = int(wanted)
+    try:
+        yield
+    finally:
+        settings.SLP_VECTORIZE = before
+
+
+def _part(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator of a function that becomes part of others, whichever of them has it compiled first."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        dispatcher = _njit(**{**_INNER, **options}, forceinline=True)(function)
+        compile_it = dispatcher.compile
+
+        def one_by_one(signature: Any) -> Any:
+            # Pairs would be in it for good, and no loop that it becomes part of be done several steps at a time.
+            with _neighbours_together(False):
+                return compile_it(signature)
+
+        dispatcher.compile = one_by_one
+        return dispatcher
+
+    return decorate
+
+
+inlined = _part(_nrt=False)
 """Decorator of a function that is only called from compiled ones and becomes part of them; it allocates nothing.
 
 Forced, because a call hands over every array as seven numbers, which costs more than the work of most of them.
 """
 
-summing = _njit(**{**_INNER, "fastmath": {"reassoc", "nsz"}}, _nrt=False, forceinline=True)
+summing = _part(fastmath={"reassoc", "nsz"}, _nrt=False)
 """Decorator of an `inlined` function in which sums may be taken in another order: in the lanes of a vector unit.
 
 The order is that of the machine, of the length and of the compiled function that it becomes part of. Were it called,
@@ -47,7 +83,7 @@ which was optimised once more: sums in another order.
 
 def part_of_loops(function: Callable[..., Any], careful: bool) -> Any:
     """Return a function that becomes part of every compiled one that calls it, however long it is; see `compiled`."""
-    return _njit(**_INNER, _nrt=careful, boundscheck=careful, forceinline=True)(function)
+    return _part(_nrt=careful, boundscheck=careful)(function)
 
 
 def compiled(
@@ -66,6 +102,8 @@ def compiled(
         dispatcher.declared = signature
         dispatcher.declared_types = normalize_signature(signature)[0]
         dispatcher.kept_as = function, ""
+        # Pairs within a step of a loop keep the compiler from doing whole steps side by side, four at a time.
+        dispatcher.neighbours = not function.__module__.startswith(_LOOPS)
         if apart:
             dispatcher._compiler._customize_flags = _apart
         return dispatcher
@@ -91,28 +129,12 @@ def _compile(dispatcher: Any) -> None:
         return
     dispatcher._cache = _cache_of(*dispatcher.kept_as)
     try:
-        with noting_loading(), _neighbours_together():
+        with noting_loading(), _neighbours_together(dispatcher.neighbours):
             dispatcher.compile(dispatcher.declared)
     finally:
         if dispatcher._cache.told:
             say_compiled()
     dispatcher.disable_compile()
-
-
-@contextmanager
-def _neighbours_together() -> Iterator[None]:
-    """Have what is the same for numbers side by side done in one instruction, within this block.
-
-    numba leaves that off by default; it changes no sum's order, and no bit. For all else that a process compiles with
-    numba the setting stays what it was.
-    """
-    settings = cast(Any, config)
-    before = settings.SLP_VECTORIZE
-    settings.SLP_VECTORIZE = 1
-    try:
-        yield
-    finally:
-        settings.SLP_VECTORIZE = before
 
 
 @lru_cache
