@@ -352,3 +352,6 @@ _FURTHER: list[Callable[..., Any]] = [
 ]
 for command in _FURTHER:
     app.command()(command)
+for registered in app.registered_commands:  # else a list of commands clips what each does
+    lines = (registered.callback.__doc__ or "").strip().partition("\n\n")[0] if registered.callback else ""
+    registered.short_help = " ".join(lines.split())

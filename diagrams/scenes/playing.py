@@ -67,9 +67,8 @@ def perform(stage: Stage, meshcat: Meshcat, timing: Timing) -> None:
     meshcat.SetCameraPose(_VIEW, np.zeros(3))
     _draw_ground(stage, meshcat)
     for line in stage.paths:
-        places = line.places[np.isfinite(line.places).all(axis=-1)]
-        if len(places) > 1:
-            meshcat.SetLine(line.path, np.asfortranarray(places.T), 2.0, Rgba(*line.colour, 1.0))
+        for number, places in enumerate(_pieces(line.places)):
+            meshcat.SetLine(f"{line.path}/{number}", np.asfortranarray(places.T), 2.0, Rgba(*line.colour, 1.0))
     for thing in stage.moving:
         _draw(thing, meshcat)
     meshcat.StartRecording(timing.frames_per_second, set_visualizations_while_recording=False)
@@ -80,6 +79,13 @@ def perform(stage: Stage, meshcat: Meshcat, timing: Timing) -> None:
             meshcat.SetTransform("earth", RigidTransform(RotationMatrix(turn)), at)
     meshcat.StopRecording()
     meshcat.PublishRecording()
+
+
+def _pieces(places: Array) -> list[Array]:
+    """Return what of a line is there, in pieces of at least two places."""
+    known = np.isfinite(places).all(axis=-1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
+    return [places[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
 
 
 def _draw_ground(stage: Stage, meshcat: Meshcat) -> None:

@@ -36,6 +36,7 @@ SIZE = 10.0
 """Units from the middle of a stage to what is farthest from it."""
 _MARK = SIZE / 100  # half the size of a platform
 _SEEN = SIZE / 40  # as large as the median error is drawn
+_ASIDE = SIZE / 4  # an estimate that is drawn further off its target leaves no line across the scene
 _FLAT = 0.01  # of the longest semi-axis: how thin an ellipsoid is drawn at least, for the lamp's sake
 # Okabe and Ito, *Color universal design* (2008)
 COLOURS: tuple[Colour, ...] = (
@@ -225,7 +226,8 @@ def _estimate(stage: Stage, scene: Scene, one: Estimated, colour: Colour) -> Non
     truth, path = stage.placed(scene.target.places), f"estimates/{_word(one.name)}"
     places = truth + stage.stretched(one.errors)
     stage.moving.append(Moving(f"{path}/mark", "sphere", colour, 1.0, places, np.full(3, 0.8 * _MARK)))
-    stage.paths.append(Path(f"{path}/path", colour, places))
+    stretched = np.linalg.norm(stage.stretched(one.errors), axis=-1, keepdims=True)
+    stage.paths.append(Path(f"{path}/path", colour, np.where(stretched < _ASIDE, places, np.nan)))
     for number, errors in zip(one.cloud_trials, one.cloud, strict=True):
         dot = Moving(
             f"{path}/others/{number}", "sphere", colour, 0.5, truth + stage.stretched(errors), np.full(3, 0.4 * _MARK)
