@@ -27,6 +27,8 @@ def report_command(result: Path, out: Path | None) -> dict[str, Any]:
     UserError
         If there is no result, or the page may not be written where it is asked for.
     """
+    if result.name == "results.zarr":
+        result = result.resolve().parent
     if not result.is_dir():
         raise UserError(f"RESULT: {result} is not a result; a folder that run, compare, sweep or verify wrote")
     from quietfix.diagrams.pages.report import report_page

@@ -117,7 +117,8 @@ def _of_store(folder: Path, told: Mapping[str, dict[str, Any]]) -> dict[str, Any
             return page | _sweep(told["sweep"], page["data"])
         return page | _study(dataset, folder, told.get("compare"), page["data"])
     except (KeyError, TypeError, IndexError) as error:
-        raise UserError(f"result: {folder} is damaged, or of another version ({error!r})") from error
+        why = f"no {error.args[0]}" if isinstance(error, KeyError) and error.args else str(error)
+        raise UserError(f"RESULT: {folder} is damaged, or of another version ({why})") from error
 
 
 def _study(dataset: xr.Dataset, folder: Path, compared: dict[str, Any] | None, data: dict[str, Any]) -> dict[str, Any]:
@@ -204,7 +205,8 @@ def _verification(found: dict[str, Any]) -> dict[str, Any]:
             "data": {"estimators": [], "requirements": rows},
         }
     except (KeyError, TypeError) as error:
-        raise UserError(f"result: verification.json is damaged, or of another version ({error!r})") from error
+        why = f"no {error.args[0]}" if isinstance(error, KeyError) and error.args else str(error)
+        raise UserError(f"RESULT: verification.json is damaged, or of another version ({why})") from error
 
 
 def _facts(attributes: Mapping[str, Any], dataset: xr.Dataset) -> list[tuple[str, str]]:

@@ -58,16 +58,18 @@ def play_command(
     if magnify is not None and not (math.isfinite(magnify) and magnify > 0):
         raise UserError(f"--magnify: {magnify:g} is not allowed; above 0")
     existed = _may_be_written(written)
-    dataset = _opened(Path(what), asked) if _is_result(what) else _run(what, estimators, asked)
+    dataset = _opened(Path(what), asked) if _is_result(what) else _run(what, estimators, asked, written)
     from quietfix.diagrams.scenes.scene import scene_of
 
     scene = scene_of(dataset, estimators, trial)
     tell(title=scene.title, trial=scene.trial)
+    told: list[dict[str, Any]] = []
     if written.czml is not None:
         text = _as_czml(scene, dataset, written)
         for note in () if written.html else scene.notes:
             say(note)
-        _write(written.czml, text, existed["czml"], "czml")
+        told.append(_write(written.czml, text, existed["czml"]))
+        tell(written=told)
         if written.html is None:
             return None
     from quietfix.diagrams.scenes.page import page
@@ -84,7 +86,8 @@ def play_command(
         tell(url=meshcat.web_url())
         done(f"{meshcat.web_url()} shows {scene.title}, trial {scene.trial}; Ctrl-C ends it")
         return partial(_wait, meshcat)
-    _write(written.html, page(meshcat.StaticHtml(), scene, stage, timing), existed["html"], "file")
+    told.append(_write(written.html, page(meshcat.StaticHtml(), scene, stage, timing), existed["html"]))
+    tell(written=told)
     return None
 
 
@@ -95,12 +98,13 @@ def _wait(served: object) -> None:
         time.sleep(1)
 
 
-def _write(path: Path, text: str, existed: bool, field: str) -> None:
+def _write(path: Path, text: str, existed: bool) -> dict[str, Any]:
+    """Write a file, and return what is told of it."""
     with written_beside(path) as beside:
         beside.write_text(text, encoding="utf-8")
     size = len(text.encode())
-    tell(**{field: str(path), f"{field}_bytes" if field != "file" else "size_bytes": size, "replaced": existed})
     done(f"{'replaced' if existed else 'wrote'} {path} ({size / 1e6:.1f} MB)")
+    return {"file": str(path), "size_bytes": size, "replaced": existed}
 
 
 def _as_czml(scene: Scene, dataset: xr.Dataset, written: Written) -> str:
@@ -131,14 +135,19 @@ def _opened(folder: Path, asked: Mapping[str, Any]) -> xr.Dataset:
     return open_result(folder)
 
 
-def _run(system: str, estimators: Sequence[str] | None, asked: Mapping[str, Any]) -> xr.Dataset:
+def _run(system: str, estimators: Sequence[str] | None, asked: Mapping[str, Any], written: Written) -> xr.Dataset:
     """Run a few trials of a system, with the estimators that are shown."""
     from quietfix.diagrams.assembly.find import find
+    from quietfix.diagrams.quantities.frame import as_frame
+    from quietfix.diagrams.scenes.globe import check_origin
     from quietfix.diagrams.studies.whole import run_study
 
     found = find(system)
     scenario = found.system.resolve(found.variant, asked.get("scenario"), asked.get("set"))
-    recorded = found.model(scenario).recorded
+    model = found.model(scenario)
+    recorded = model.recorded
+    if written.czml is not None:  # before anything is run
+        check_origin(as_frame(model.frame), written.origin)
     chosen = {"trials": _FEW if recorded is None else min(_FEW, len(recorded.tracks)), **asked}
     return run_study(
         found, estimators=estimators or list(scenario.estimators)[:1], keep="covariance", progress=True, **chosen

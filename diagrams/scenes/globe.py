@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from quietfix.diagrams.quantities.frame import Frame
 from quietfix.diagrams.scenes.scene import Scene
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.systems.constants import EARTH_RATE
 from quietfix.systems.earth.geodetic import enu_rotation, geodetic_to_ecef
 
-__all__ = ["Globe", "globe_of", "origin_of"]
+__all__ = ["Globe", "check_origin", "globe_of", "origin_of"]
 
 Array = NDArray[np.float64]
 
@@ -66,6 +67,25 @@ def origin_of(text: str) -> tuple[float, float, float]:
     return float(np.radians(numbers[0])), float(np.radians(numbers[1])), numbers[2]
 
 
+def check_origin(frame: Frame, origin: str | None) -> None:
+    """Check whether it is told where the origin of a frame is, if and only if it has to be.
+
+    Raises
+    ------
+    UserError
+        If it is not, or cannot be.
+    """
+    if origin is not None:
+        origin_of(origin)
+        if frame.name in ("earth_fixed", "inertial"):
+            raise UserError(f"--origin: {origin} is not allowed; axes of this result go through the Earth's centre")
+    elif frame.name == "local":
+        raise UserError(
+            "--czml: axes of a local frame may be anywhere on the Earth; say where their origin is with "
+            "--origin LATITUDE,LONGITUDE"
+        )
+
+
 def globe_of(scene: Scene, origin: str | None, scenario: Mapping[str, Any]) -> Globe:
     """Return how the frame of a scene lies on the Earth.
 
@@ -87,11 +107,10 @@ def globe_of(scene: Scene, origin: str | None, scenario: Mapping[str, Any]) -> G
         If it is not known where the frame is, or it is but is given.
     """
     name = scene.frame.name
-    if name in ("earth_fixed", "inertial"):
-        if origin is not None:
-            raise UserError(f"--origin: {origin} is not allowed; axes of this result go through the Earth's centre")
-        if name == "earth_fixed":
-            return Globe(np.zeros(3), np.eye(3))
+    check_origin(scene.frame, origin)
+    if name == "earth_fixed":
+        return Globe(np.zeros(3), np.eye(3))
+    if name == "inertial":
         angle = -EARTH_RATE * scene.times
         c, s, zero = np.cos(angle), np.sin(angle), np.zeros_like(angle)
         turns = np.moveaxis(np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]), -1, 0)
@@ -104,10 +123,7 @@ def globe_of(scene: Scene, origin: str | None, scenario: Mapping[str, Any]) -> G
         latitude, longitude = (float(np.radians(float(standing[f"{key}_deg"]))) for key in ("latitude", "longitude"))
         height = 0.0
     else:
-        raise UserError(
-            f"--czml: axes of a {name} frame may be anywhere on the Earth; say where their origin is with "
-            "--origin LATITUDE,LONGITUDE"
-        )
+        raise UserError("--czml: the result does not say where its launch site is; --origin LATITUDE,LONGITUDE does")
     level = enu_rotation(np.float64(latitude), np.float64(longitude)).T
     if name == "launch":  # x down-range, y up, z to the right of it
         azimuth = np.radians(float(standing.get("azimuth_deg", 90.0)))

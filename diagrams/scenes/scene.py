@@ -177,8 +177,10 @@ def scene_of(dataset: xr.Dataset, estimators: Sequence[str] | None = None, trial
 def _axes(dataset: xr.Dataset) -> list[str]:
     """Return the components of the state that make a place."""
     missing = [name for name in ("estimate", "trial", "time") if name not in dataset]
-    if missing or "point" in dataset.dims:
-        raise UserError("RESULT: it is no single study; a folder that run or replay wrote")
+    if "point" in dataset.dims:
+        raise UserError("RESULT: it is a sweep, which keeps no places; a folder that run, replay or compare wrote")
+    if missing:
+        raise UserError(f"RESULT: it is damaged, or no study (no {missing[0]}); a folder that run or replay wrote")
     states = {str(name) for name in dataset["state"].values}
     names = [name for name in POSITION if name in states]
     if len(names) < 2:

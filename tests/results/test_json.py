@@ -224,6 +224,12 @@ def file_agrees(text, found, place, key="file"):
     assert found[key] in text and (place / found[key]).exists()
 
 
+def play_agrees(text, found, place):
+    (one,) = found["written"]
+    file_agrees(text, one, place)
+    assert (found["trial"] == 0 and f"{found['magnified']:g} times as large" in text) or "true to scale" in text
+
+
 def new_agrees(text, found, place):
     assert found["system"] == "made.yaml" and all(line in text for line in found["next"])
     assert (place / found["requirements"]).exists()
@@ -255,7 +261,7 @@ CASES = {
     "inspect": (["inspect", "study0"], inspect_agrees),
     "plot": (["plot", "study0", "--out", "drawn", "--overwrite"], plot_agrees),
     "report": (["report", "study0", "--out", "made.html"], file_agrees),
-    "play": (["play", "study0", "--html", "scene.html"], file_agrees),
+    "play": (["play", "study0", "--html", "scene.html"], play_agrees),
     "diff": (["diff", "study0", "study1"], diff_agrees),
     "export": (["export", "study0", "made.csv"], export_agrees),
     "identify": (["identify", "heard.csv", "--tle", "all.tle", *STATION_OPTIONS], identify_agrees),
