@@ -14,6 +14,7 @@ from quietfix.systems.late.arrived import Clearing
 from quietfix.systems.late.complete import Complete
 from quietfix.systems.late.delay import Delay, Latency, ages
 from quietfix.systems.late.rollback import Rollback, goes_back
+from quietfix.systems.signals import EnsembleBlock
 
 __all__ = ["Late", "LateRefusal", "LateRows", "refusals"]
 
@@ -100,12 +101,12 @@ class Late:
                 raise UserError(f"{one.where}.jitter: {one.jitter:g} is not allowed; at most the mean, {one.mean:g} s")
         bus.publish(sensed=bus["measurement"])
         bus.goes_back = self.known
-        delay = self.delay(bus, clock, end)
         gives = {port: port for port in ("measurement", "arrivals", "measured_at", "arrival")}
+        delay = self.delay(bus, clock, end)
         bus.add(delay, gives={**gives, "raw": "measurement"}, takes={"measurement": "sensed"})
 
-    def delay(self, bus: Bus, clock: Clock, end: float) -> Delay:
-        """Return the block that holds measurements back."""
+    def delay(self, bus: Bus, clock: Clock, end: float) -> EnsembleBlock:
+        """Return the block that holds measurements back: a `Delay`, or with the ports of one."""
         places = [[list(self.stream).index(name) for name in one.names] for one in self.rows]
         latencies = [Latency(at, one.mean, one.jitter) for at, one in zip(places, self.rows, strict=True)]
         return Delay(latencies, len(self.stream), clock, end, bus.trials)
@@ -128,6 +129,11 @@ class Late:
     def most(self) -> float:
         """How late a row can be [s]."""
         return max(one.mean + one.jitter for one in self.rows)
+
+    def kept(self, bus: Bus, clock: Clock, end: float) -> int:
+        """Return how many instants an estimator keeps."""
+        ticks = clock.ticks(end)
+        return ages(ticks, self.most if self.buffer is None else min(self.buffer, ticks[-1]))
 
     def going_back(
         self,
@@ -169,9 +175,7 @@ class Late:
             return self._looking_back(block, clearings, bus)
         if not goes_back(block):
             raise LateRefusal(name, "it has more than what it remembers from measurement to measurement")
-        ticks = clock.ticks(end)
-        count = ages(ticks, self.most if self.buffer is None else min(self.buffer, ticks[-1]))
-        return Rollback(block, bus.shape("measured_at")[1], count, self.stream, clearings), {}
+        return Rollback(block, bus.shape("measured_at")[1], self.kept(bus, clock, end), self.stream, clearings), {}
 
     def _looking_back(
         self, block: Estimator, clearings: Sequence[Clearing], bus: Bus

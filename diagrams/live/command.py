@@ -20,11 +20,12 @@ from quietfix.diagrams.live.state_file import digest_of, read_state, restore, wr
 from quietfix.diagrams.own.fed.measured import setting_of
 from quietfix.diagrams.own.fields.measurements import Measurements
 from quietfix.diagrams.own.fields.schema import OwnScenario
+from quietfix.diagrams.parts.latency import LateBelief
 from quietfix.diagrams.schema.errors import UserError, in_users_words
 from quietfix.diagrams.schema.origins import origins_of
 from quietfix.diagrams.studies.recordings import with_platforms
 
-__all__ = ["Asked", "live_command"]
+__all__ = ["Asked", "live_command", "with_buffer"]
 
 _SHORTEST = 0.01  # s; of a look at the source
 _WAKE = 0.2  # s; a signal is seen after that
@@ -92,6 +93,7 @@ def live_command(
         settings = with_platforms(found, settings, platforms)
     resolved = _scenario(found, settings, scenario)
     chosen = select_estimators(resolved, estimators)
+    asked = with_buffer(asked, resolved.belief.late)
     digest = digest_of(resolved, chosen)
     saved = None if asked.state is None else read_state(asked.state, digest)
     assert found.system.file is not None
@@ -112,6 +114,13 @@ def live_command(
         source.close()
     if stopped:
         raise KeyboardInterrupt
+
+
+def with_buffer(asked: Asked, late: LateBelief) -> Asked:
+    """Return how late a row may be: what the command line says, else the belief."""
+    if late.times != "made":
+        raise UserError(f"belief.late.times: {late.times} is not allowed live, where rows have their own times; made")
+    return asked if asked.lag or late.buffer_s is None else replace(asked, lag=late.buffer_s)
 
 
 def _scenario(found: Found, settings: Sequence[str] | None, scenario: Path | None) -> OwnScenario:

@@ -35,6 +35,7 @@ from quietfix.diagrams.own.declaring.sensing import (
 from quietfix.diagrams.own.declaring.target import Target, target_motion, true_motion, with_bias
 from quietfix.diagrams.own.fed.arrivals import against_references
 from quietfix.diagrams.own.fed.handed import Handed, handed
+from quietfix.diagrams.own.fed.late_table import late_table, too_late
 from quietfix.diagrams.own.fed.measured import measured, recorded_of, setting_of, table_of_scenario, true_paths
 from quietfix.diagrams.own.fed.played import Played
 from quietfix.diagrams.own.fields.schema import OwnScenario
@@ -160,11 +161,17 @@ def declare(scenario: OwnScenario, folder: FilePath = FilePath(), live: bool = F
         rows=resolvers.rows,
         step=scenario.target.step_s if isinstance(scenario.target, plants.Custom) else LONGEST_STEP,
         recorded=_recorded(fed, bool(truth), setting),
-        late=_late(scenario, sensors) if fed is None else None,
+        late=_late(scenario, sensors, fed, resolvers.rows),
         view=view_of(scenario.map, frame, setting, constants),
         biases=own_biases(scenario, sensors),
-        note=" ".join(note for note in (*notes, *(fed.notes if fed else ())) if note),
+        note=" ".join(note for note in (*notes, *_said(scenario, fed)) if note),
     )
+
+
+def _said(scenario: OwnScenario, fed: Played | Handed | None) -> list[str]:
+    """Return what is to be said of measurements."""
+    late = too_late(fed, scenario.belief.late) if isinstance(fed, Played) else []
+    return [*(fed.notes if fed else ()), *late]
 
 
 def _with_table(scenario: OwnScenario, folder: FilePath) -> tuple[OwnScenario, MeasurementTable | None]:
@@ -180,8 +187,12 @@ def _recorded(fed: Played | Handed | None, known: bool, setting: Setting) -> Rec
     return None if fed is None else fed.recorded
 
 
-def _late(scenario: OwnScenario, sensors: Sequence[PlacedSensor]) -> Late | None:
-    """Return which measurements of a simulation are late; those of a file have their own times."""
+def _late(
+    scenario: OwnScenario, sensors: Sequence[PlacedSensor], fed: Played | Handed | None, stream: Sequence[str]
+) -> Late | None:
+    """Return which measurements are late: of a file those that are older than one before them, if it is asked for."""
+    if fed is not None:
+        return late_table(fed, scenario.belief.late, stream) if isinstance(fed, Played) else None
     rows = {one.name: [row for model in one.models for row in model.names] for one in sensors}
     fields = {f"sensors.{one.name}.latency_s": (rows[one.name], one.field.latency_s) for one in sensors}
     return late_of(fields, scenario.belief.late, [row for own in rows.values() for row in own])

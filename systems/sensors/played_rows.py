@@ -29,11 +29,14 @@ class TableTrack:
         SI units; NaN where a row is missing.
     scale : ndarray, shape (ticks, rows), or None
         Standard deviation of each over the one that the estimators believe in; None: all are 1.
+    arrival : ndarray, shape (ticks, rows), or None
+        When each came, if the table is in the order in which they did [s]; infinite where a row is missing.
     """
 
     clock: Times
     value: Array
     scale: Array | None = None
+    arrival: Array | None = None
 
 
 class PlayedRows(Tracked):

@@ -190,13 +190,16 @@ def _track(
     tick, row = np.cumsum(new) - 1, found.row[mine]
     _check_once(table, mine, tick * size + row)
     ticks = times[new]
-    value = np.full((ticks.size, size), np.nan)
+    value, arrival = np.full((ticks.size, size), np.nan), np.full((ticks.size, size), np.inf)
     value[tick, row] = found.value[mine]
+    came = np.empty_like(times)
+    came[np.argsort(mine)] = np.maximum.accumulate(times[np.argsort(mine)])  # in the order of the file
+    arrival[tick, row] = came
     if scale is None:
-        return TableTrack(Times(ticks), value)
+        return TableTrack(Times(ticks), value, None, arrival)
     scales = np.ones((ticks.size, size))
     scales[tick, row] = scale[mine]
-    return TableTrack(Times(ticks), value, scales)
+    return TableTrack(Times(ticks), value, scales, arrival)
 
 
 def _check_once(table: MeasurementTable, mine: NDArray[np.int64], place: NDArray[np.int64]) -> None:
