@@ -266,6 +266,7 @@ CASES = {
     "export": (["export", "study0", "made.csv"], export_agrees),
     "identify": (["identify", "heard.csv", "--tle", "all.tle", *STATION_OPTIONS], identify_agrees),
 }
+MARKDOWN = ["compare", "crossing.yaml", "--format", "markdown"]
 LINES = ("live",)  # prints lines of JSON with or without it, which tests/live reads
 
 
@@ -293,6 +294,13 @@ def test_a_page_beside_a_run_is_told(place, capfd, monkeypatch):
     assert (place / page["file"]).stat().st_size == page["size_bytes"]
 
 
+def test_a_requirement_that_fails_is_told_with_its_status(place, capfd, monkeypatch):
+    text = (place / "crossing.requirements.yaml").read_text().replace("5000", "0.001")
+    (place / "hard.requirements.yaml").write_text(text)
+    _, found = both(capfd, place, monkeypatch, "verify", "hard.requirements.yaml", status=1)
+    assert found["status"] == 1 and found["requirements"][0]["verdict"] == "fails"
+
+
 def test_what_a_users_class_prints_goes_elsewhere(place, capfd, monkeypatch):
     """Prints of the process itself, and of one that it starts: neither is to spoil the object."""
     (place / "loud.py").write_text(
@@ -308,7 +316,8 @@ def test_what_a_users_class_prints_goes_elsewhere(place, capfd, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "arguments", [["inspect", "nowhere"], ["run", "crossing.yaml", "--trials", 0], ["run", "nothing"], ["play", "no"]]
+    "arguments",
+    [["inspect", "nowhere"], ["run", "crossing.yaml", "--trials", 0], ["run", "nothing"], ["play", "no"], MARKDOWN],
 )
 def test_a_mistake_is_one_line_on_standard_error(arguments, place, capfd, monkeypatch):
     monkeypatch.chdir(place)

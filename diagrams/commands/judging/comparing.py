@@ -42,6 +42,8 @@ def compare_command(
 ) -> None:
     """Compare estimators on one or more systems; see ``quietfix compare --help``."""
     choose("format", format_, FORMATS)
+    if format_ == "markdown" and asked_for_json():
+        raise UserError("--format: markdown is not allowed with --json; one of them")
     out = begun_or_interrupted(out, resume)
     chosen_systems = [find(name) for name in systems]
     folders = _folders(chosen_systems, out)

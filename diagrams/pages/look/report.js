@@ -132,6 +132,7 @@
     return Plotly.react(id, traces, whole, {
       responsive: true,
       displaylogo: false,
+      ...(narrow ? { displayModeBar: false } : {}), // it would hide the title
       modeBarButtonsToRemove: ["select2d", "lasso2d"],
       toImageButtonOptions: { format: "svg", filename: id },
     });

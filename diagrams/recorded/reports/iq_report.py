@@ -118,6 +118,7 @@ class IqReport:
             **({} if self.located is None else {"position": self._position()}),
             "pairs": {
                 f"{pair.auxiliary} - {pair.main}": {
+                    **_medians(pair),
                     "tdoa_s": _listed(pair.tdoa),
                     "sigma_tdoa_s": _listed(pair.sigma_tdoa),
                     "fdoa_hz": _listed(pair.fdoa),
@@ -191,3 +192,15 @@ def _phase_line(one: Rows) -> str:
 
 def _listed(values: Array) -> list[float | None]:
     return [float(value) if math.isfinite(value) else None for value in values]
+
+
+def _medians(pair: PairResult) -> dict[str, float | int | None]:
+    """Return the numbers of the table: medians over time, and scatters about them, of what is good."""
+    good = pair.good
+    found: dict[str, float | int | None] = {"found": int(np.count_nonzero(good))}
+    for name, unit in (("tdoa", "s"), ("fdoa", "hz")):
+        values, sigmas = getattr(pair, name)[good], getattr(pair, f"sigma_{name}")[good]
+        found[f"median_{name}_{unit}"] = float(np.median(values)) if good.any() else None
+        found[f"scatter_{name}_{unit}"] = float(values.std()) if good.any() else None
+        found[f"median_sigma_{name}_{unit}"] = float(np.median(sigmas)) if good.any() else None
+    return found

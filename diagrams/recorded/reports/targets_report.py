@@ -328,6 +328,9 @@ class TargetsReport:
                 with np.errstate(invalid="ignore"):
                     sigmas = np.sqrt(np.diag(fix.covariance)).tolist()
                 numbers |= dict(zip(("sigma_x_m", "sigma_y_m", "sigma_vx_mps", "sigma_vy_mps"), sigmas, strict=False))
+                numbers["correlation"] = (
+                    float(fix.covariance[0, 1]) / (sigmas[0] * sigmas[1]) if fix.there else math.nan
+                )
                 if self._geodetic:
                     numbers["latitude_deg"], numbers["longitude_deg"] = self._place(one.bearings, fix.state)
                 clean = {key: value if fix.there and math.isfinite(value) else None for key, value in numbers.items()}
