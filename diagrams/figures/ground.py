@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 
 _PLATFORMS, _TARGET_TRACK = "0.35", "#d55e00"
 _MOST_TRIALS = 20  # tracks of the target; enough to see how trials differ
+_THINNEST = 1e-3  # km or deg
 _AT_REST = 1.0  # m; what moves less is drawn as a place
 
 
@@ -148,11 +149,20 @@ def draw_tracks(axes: Any, view: View, platforms: Mapping[str, Array], targets: 
     axes.margins(0.15)
     if view.stretch is not None:
         axes.set_aspect(view.stretch, adjustable="datalim")
+    _not_of_rounding(axes)
     axes.set(xlabel=view.labels[0], ylabel=view.labels[1], title=f"tracks {view.title}, from the dot on")
     plain_ticks(axes)
     # below the axes, where it hides no track and no name
     axes.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3)
     grid(axes)
+
+
+def _not_of_rounding(axes: Any) -> None:
+    """Widen a vertical axis on which all is at one height, but for rounding."""
+    low, high = axes.get_ylim()
+    if high - low < _THINNEST:
+        middle = 0.5 * (low + high)
+        axes.set_ylim(middle - 50 * _THINNEST, middle + 50 * _THINNEST)
 
 
 def _track(axes: Any, place: Array, view: View, color: str, label: str | None, width: float) -> None:

@@ -158,17 +158,10 @@ class DoptrackReport:
 
     def draw(self, folder: Path) -> list[Path]:
         """Draw the error against the passes into a folder."""
-        from matplotlib.figure import Figure
+        from quietfix.diagrams.figures.shared.style import save
+        from quietfix.diagrams.recorded.reports.doptrack_figures import draw_station_error
 
-        figure = Figure(figsize=(7, 4), layout="constrained")
-        axes = figure.add_subplot()
         ends = np.flatnonzero(np.diff(self.stream.which, append=-1))
-        for name in self.estimates:
-            error = np.hypot(*self.errors(name)[ends, :2].T)
-            axes.semilogy(np.arange(1, ends.size + 1), 1e-3 * error, marker="o", label=name.replace("_", " + ", 1))
-        axes.set(xlabel="passes used", ylabel="horizontal error of the station [km]")
-        axes.grid(True, which="both", alpha=0.3)
-        axes.legend()
-        path = folder / "station_error.png"
-        figure.savefig(path, dpi=120)
-        return [path]
+        errors = {name: np.hypot(*self.errors(name)[ends, :2].T) for name in self.estimates}
+        title = f"DopTrack: a station located by Delfi-C3, {ends.size} passes, {self.times.size} samples"
+        return [save(draw_station_error(errors, title), folder / "station_error.png")]

@@ -366,8 +366,13 @@ class TargetsReport:
         origin = self.targets[0].bearings.origin
         alike = [one.bearings for one in self.targets if one.bearings.origin == origin]
         shown = {one.name or "target" for one in self.targets if one.bearings.origin == origin}
-        likely = [track.state[:, :2] for track in tracks if track.estimator == "ml" and track.target in shown]
-        figure = draw_fixes(np.unique(np.concatenate([one.place for one in alike]), axis=0), likely)
+        likely = {
+            track.target: (track.state[:, :2], track.covariance[-1, :2, :2])
+            for track in tracks
+            if track.estimator == "ml" and track.target in shown
+        }
+        place = np.unique(np.concatenate([one.place for one in alike]), axis=0)
+        figure = draw_fixes(place, likely, "maximum likelihood")
         return [save(figure, folder / "targets.png"), *write_plane(tracks, folder)]
 
 
