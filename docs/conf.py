@@ -39,6 +39,7 @@ myst_heading_anchors = 3
 nb_execution_mode = "off"  # tests/test_notebooks.py runs them; what they show is kept in them
 nb_merge_streams = True
 
+default_role = "code"  # in docstrings; a page in Markdown has none
 autodoc_typehints = "none"  # numpydoc says them
 autosummary_generate = True
 numpydoc_show_class_members = False

@@ -138,7 +138,11 @@ class PhaseCycles:
 
 
 class PhaseResolver(EnsembleBlock):
-    """`PhaseCycles` as a block; the prediction is that of a filter, fed back.
+    r"""`PhaseCycles` as a block; the prediction is that of a filter, fed back.
+
+    .. math:: \phi = \phi_w + 2\pi N, \qquad N = \mathrm{round}\frac{\phi_{\mathrm{known}} - \phi_w}{2\pi}
+
+    with :math:`\phi_{\mathrm{known}}` that of the fix, or of the next shorter baseline times the ratio of the lengths.
 
     Inputs ``measurement``, ``platforms`` and, without a chain, ``prediction``; outputs ``measurement`` (the long
     baseline's phases unambiguous, the chain's rows dropped) and ``integers``.

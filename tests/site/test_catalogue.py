@@ -19,13 +19,20 @@ from block_catalogue.tags import examples_of, tags  # noqa: E402
 from block_catalogue.words import has_equation, texts_of  # noqa: E402
 
 PASSED_ON = {
-    "ArrivalGate", "CheckedTruth", "Constant", "HandedRows", "Joined", "ModeSchedule", "Path", "PlayedRows", "Preview",
-    "Receiver", "RecordedFlight", "RecordedIq", "RecordedMeasurements", "RecordedTruth", "Recorder", "TrackPaths",
+    "ArrivalGate", "CheckedTruth", "Complete", "Constant", "HandedRows", "Joined", "ModeSchedule", "Path", "PlayedRows",
+    "Preview", "Receiver", "RecordedFlight", "RecordedIq", "RecordedMeasurements", "RecordedTruth", "Recorder", "TrackPaths",
     "TrackTruth", "Transmitter",
 }  # fmt: skip
 """Blocks that pass numbers on, or play or interpolate records: no equation of their own is asked of them."""
 
-MODELS = [*found.measurements(), *found.motions(), *found.filters(), *found.starts()]
+AROUND = {"FedStart"}
+"""Models that give what another one gives, with other ports around it."""
+
+MODELS = [
+    kind
+    for kind in (*found.measurements(), *found.motions(), *found.filters(), *found.starts())
+    if kind.__name__ not in AROUND
+]
 EXAMPLES = ROOT / "docs" / "catalogue" / "examples"
 SHOWN = {path.stem: path for path in EXAMPLES.glob("*.yaml")}
 PACKAGED = {path.stem: path for path in (EXAMPLES / "packaged").glob("*.yaml")}

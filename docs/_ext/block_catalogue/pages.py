@@ -108,7 +108,9 @@ def _block_page(page: str, title: str) -> str:
 
 
 def _block(kind: type) -> str:
-    one = standing()[kind]
+    one = standing().get(kind)
+    if one is None:
+        raise KeyError(f"{kind.__name__}: in no diagram of docs/_ext/block_catalogue/standing.py; put it into one")
     where = f"in {one.where}" if one.where else "put into a diagram by hand"
     ports = ports_of(one)
     rows = [[p.direction, f"``{p.name}``", p.shape, p.meaning, p.unit, p.frame, p.feeds] for p in ports]

@@ -58,6 +58,7 @@ _SYSTEMS: Sequence[tuple[str, Sequence[str]]] = (
     ("dual_satellite", ()),
     ("dual_satellite:signal", ()),
     ("tests/own/crossing.yaml", ()),
+    ("tests/own/crossing.yaml", ["estimators={looking_back: !Smoothed {filter: !Ukf {}}}"]),
     ("tests/own/turning_drone.yaml", ()),
     ("tests/own/drone.yaml", ()),
 )

@@ -13,6 +13,8 @@ from numpydoc.docscrape import NumpyDocString
 __all__ = ["defaults_of", "described", "has_equation", "heading", "literal", "parameters", "plain", "table", "texts_of"]
 
 _QUOTED = re.compile(r"(``.+?``|:\w+:`[^`]+`|`[^`]+`__?)|`([^`]+)`", re.DOTALL)
+_FORMULA = re.compile(r"^\.\. math::(?P<formula>(?: [^\n]*)?(?:\n[ ]+[^\n]+)+|[^\n]+)\n?", re.MULTILINE)
+_SHORT = 75  # characters of LaTeX that stay on one line
 _SECTION = re.compile(r"\n(?:Parameters|Attributes|Returns|Raises|Notes|References|Examples|See Also)\n-+\n")
 
 
@@ -52,11 +54,19 @@ def _parts(doc: str) -> tuple[str, NumpyDocString]:
     return body, parsed
 
 
+def _on_lines(block: re.Match[str]) -> str:
+    """Return a formula of several parts with each on a line of its own, where they are too long for one."""
+    parts = [" ".join(part.split()).removesuffix(",") for part in block["formula"].split(r"\qquad")]
+    if len(parts) == 1 or len(block["formula"]) < _SHORT:
+        return block[0]
+    return ".. math::\n\n" + "\n\n".join(f"   {part}" for part in parts) + "\n"
+
+
 def described(kind: Any) -> str:
     """Return what a class's docstring says before its sections, and its notes and references."""
     body, parsed = _parts(kind.__doc__ or "")
     notes = ["\n".join(parsed[section]).strip() for section in ("Notes", "References")]
-    return "\n\n".join(literal(text) for text in (body, *notes) if text)
+    return _FORMULA.sub(_on_lines, "\n\n".join(literal(text) for text in (body, *notes) if text) + "\n")
 
 
 def parameters(kind: Any) -> list[tuple[str, str, str]]:
