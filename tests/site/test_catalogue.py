@@ -19,9 +19,9 @@ from block_catalogue.tags import examples_of, tags  # noqa: E402
 from block_catalogue.words import has_equation, texts_of  # noqa: E402
 
 PASSED_ON = {
-    "ArrivalGate", "CheckedTruth", "Complete", "Constant", "HandedRows", "Joined", "ModeSchedule", "Path", "PlayedRows",
-    "Preview", "Receiver", "RecordedFlight", "RecordedIq", "RecordedMeasurements", "RecordedTruth", "Recorder", "TrackPaths",
-    "TrackTruth", "Transmitter",
+    "ArrivalGate", "CheckedTruth", "Complete", "Constant", "HandedRows", "Joined", "ModeSchedule", "Path",
+    "PlayedRows", "Preview", "Receiver", "RecordedFlight", "RecordedIq", "RecordedMeasurements", "RecordedTruth",
+    "Recorder", "TrackPaths", "TrackTruth", "Transmitter",
 }  # fmt: skip
 """Blocks that pass numbers on, or play or interpolate records: no equation of their own is asked of them."""
 
