@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -28,6 +29,20 @@ _BLOCK_PAGES = (
 )
 
 
+_YAML_PAGES = (
+    ("yaml_places", "YAML: platforms and targets", ("platforms", "target")),
+    ("yaml_sensors", "YAML: sensors", ("sensors", "parts")),
+    ("yaml_filters", "YAML: what estimators are made of", ("estimators",)),
+    ("yaml_others", "YAML: belief, start and the rest", ()),
+)
+
+
+def _stands_under(tag: Tag, roots: tuple[str, ...]) -> bool:
+    """Whether a tag of a system of one's own stands first under one of these fields; without any, under no other's."""
+    first = re.split(r"[.\[]", next(path for path in tag.where if ": " not in path))[0]
+    return first in roots if roots else all(first not in others for _, _, others in _YAML_PAGES)
+
+
 def all_pages() -> dict[str, str]:
     """Return every page by its name."""
     pages = {name: _block_page(name, title) for name, title, _ in _BLOCK_PAGES}
@@ -37,9 +52,10 @@ def all_pages() -> dict[str, str]:
     pages["starts"] = _class_page("Starts", found.starts())
     pages["clocks"] = _class_page("Clocks", found.clock_kinds())
     pages["estimators"] = _estimator_page()
-    pages["yaml"] = _tag_page("Systems in YAML", lambda tag: not _foreign(tag))
-    pages["yaml_packaged"] = _tag_page("Fields of the packaged systems", lambda tag: _foreign(tag) == "system")
-    pages["yaml_requirements"] = _tag_page("Requirements", lambda tag: _foreign(tag) == "requirements")
+    for page, title, roots in _YAML_PAGES:
+        pages[page] = _tag_page(title, lambda tag, roots=roots: not _foreign(tag) and _stands_under(tag, roots))
+    pages["yaml_packaged"] = _tag_page("YAML: fields of the packaged systems", lambda tag: _foreign(tag) == "system")
+    pages["yaml_requirements"] = _tag_page("YAML: requirements", lambda tag: _foreign(tag) == "requirements")
     return pages
 
 
@@ -81,7 +97,7 @@ def _title(name: str, label: str, line: str = "-") -> str:
 
 
 def _source(kind: Any) -> str:
-    return f":Code: ``{kind.__module__}.{kind.__qualname__}``\n"
+    return f"| **Code** ``{kind.__module__}.{kind.__qualname__}``\n"
 
 
 def _module_words(kind: Any) -> str:
@@ -122,7 +138,7 @@ def _block(kind: type) -> str:
     state = "; ".join(word for word in held if word) or "none: what it puts out is a function of time and inputs"
     parts = [
         _title(kind.__name__, found.slug(kind)),
-        _source(kind) + f":State: {state}\n",
+        _source(kind) + f"| **State** {state}\n",
         described(kind) + "\n",
         _module_words(kind),
         f"Ports ({where}: ``{one.name}``); the last column says what an output follows at once:\n",
@@ -204,7 +220,7 @@ def _estimator(name: str, kind: type) -> str:
     links = ", ".join(f":ref:`{one.__name__} <{found.slug(one)}>`" for one in behind(kind))
     parts = [
         _title(f"{name}: !{kind.__name__}", found.slug(kind)),
-        _source(kind) + (f":Equations: {links}\n" if links else ""),
+        _source(kind) + (f"| **Equations** {links}\n" if links else ""),
         described(kind) + "\n",
         _module_words(kind),
         _field_table(kind),
@@ -255,7 +271,7 @@ def _tag(tag: Tag) -> str:
     doc = (tag.kind.__doc__ or "") if dataclasses.is_dataclass(tag.kind) else ""
     parts = [
         _title(named, _tag_label(tag)),
-        f":Stands at: {places}\n",
+        f"Stands at {places}.\n",
         described(tag.kind) + "\n" if doc else "",
         _field_table(tag.kind),
         _example(tag.kind) if tag.chosen else "",

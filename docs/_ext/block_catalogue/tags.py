@@ -121,7 +121,7 @@ def default_words(field: Field) -> str:
         return "``null``"
     if isinstance(value, bool):
         return f"``{str(value).lower()}``"
-    return "*empty*" if value == "" else f"``{value:g}``" if isinstance(value, float) else f"``{value}``"
+    return "*empty*" if value == "" else f"``{value:.12g}``" if isinstance(value, float) else f"``{value}``"
 
 
 @cache
