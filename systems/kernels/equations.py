@@ -165,6 +165,11 @@ class Program:
         kernels = zip(self.equations.kernels, self.equations.sizes, strict=True)
         return np.array([address_over(kernel, rows) for kernel, rows in kernels], dtype=np.int64)
 
+    @cached_property
+    def looped(self) -> Integers:
+        """`parts` with `loops` as the last column, (k, 6)."""
+        return np.column_stack([self.parts, self.loops])
+
 
 _programs: dict[int, tuple[weakref.ref[Any], Program | None]] = {}
 _inherited: dict[int, tuple[weakref.ref[Any], Program]] = {}

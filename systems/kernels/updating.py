@@ -49,11 +49,19 @@ class Update(NamedTuple):
         Returns in how many numbers it works, from numbers of states, of measured rows and of rows of all kernels.
     each : float
         About how long a trial takes [us].
+    looped : bool
+        Whether it asks the model for many states at once, by its kernels' loops.
     """
 
     name: str
     room: Callable[[int, int, int], int]
     each: float
+    looped: bool = False
+
+    def equations(self, program: Program) -> tuple[Any, ...]:
+        """Return what it is given of a program."""
+        parts = program.looped if self.looped else program.parts
+        return parts, program.chosen, program.parameters, program.moduli
 
     @property
     def parts(self) -> Parts:
@@ -129,7 +137,7 @@ def by_update(
         noise = noise[None]
     taken = [plain(array) for array in (*given[:4], noise)]
     out = np.empty((trials, n)), np.empty((trials, n, n)), np.empty((trials, m)), np.empty(trials), np.empty(trials)
-    equations = program.parts, program.chosen, program.parameters, program.moduli
+    equations = update.equations(program)
     space = np.empty(update.room(n, m, program.rows))
     code = call(ready(update.name), (*taken, *equations, own, space, *out), trials, update.parts)
     if code:

@@ -1,4 +1,4 @@
 """The compiled unscented filter: sigma points through a measurement, sigma points through a motion.
 
-May import: systems.kernels.
+May import: systems.kernels, systems.kernels.particles.
 """

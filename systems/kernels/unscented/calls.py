@@ -43,10 +43,10 @@ def updated(
 
 
 def _room(n: int, m: int, rows: int) -> int:
-    return 3 * n + 5 * m + 3 * rows + 4 * n * n + 3 * n * m + 6 * m * m
+    return 2 * n + 5 * m + (2 * n + 1) * (n + rows) + 4 * n * n + 3 * n * m + 6 * m * m
 
 
-UNSCENTED = Update("unscented.update:update", _room, each=6.0)
+UNSCENTED = Update("unscented.update:update", _room, each=6.0, looped=True)
 
 
 def predicted(mean: Array, covariance: Array, step: Step, held: Array | None, weights: Weights) -> tuple[Array, Array]:

@@ -10,7 +10,8 @@ from quietfix.systems.kernels.compiling import compiled, inlined
 from quietfix.systems.kernels.extended import RAISED
 from quietfix.systems.kernels.gains import advance, correct, least, nothing, posterior_covariance, products, tell
 from quietfix.systems.kernels.matrices import cholesky, factor, repair
-from quietfix.systems.kernels.rows import OK, evaluate, is_diagonal, whitening, wrapped
+from quietfix.systems.kernels.particles.loops import call_over
+from quietfix.systems.kernels.rows import OK, is_diagonal, whitening, wrapped
 
 __all__ = ["update"]
 
@@ -42,8 +43,8 @@ def update(
     c, weight, centre = settings[0], settings[1], settings[2]
     trials, n = mean.shape
     m, full = chosen.shape[0], parts[parts.shape[0] - 1, 2]
-    vectors, rows_of_m, values, squares, of_points, small = _rooms(space, n, m, full)
-    point, y, spare = vectors[0], vectors[1], vectors[2]
+    vectors, rows_of_m, points, values, squares, of_points, small = _rooms(space, n, m, full)
+    y, spare = vectors[0], vectors[1]
     nu, shift, missing, whitened, bend = rows_of_m[0], rows_of_m[1], rows_of_m[2], rows_of_m[3], rows_of_m[4]
     root, gram = squares[0], squares[1]
     odd, even, rows = of_points[0].reshape(m, n), of_points[1], of_points[2].reshape(m, n)
@@ -54,12 +55,13 @@ def update(
             nothing(t, out_mean, out_covariance, innovation, nis, used)
             continue
         seen = platforms[t if platforms.shape[0] > 1 else 0]
-        failed = _differences(
-            t, mean, root, seen, parts, parameters, chosen, moduli, c, weight, point, values, odd, even, shift
-        )
-        if failed >= 0:
-            return (t * 256 + failed) * 16 + RAISED
-        count = _innovation(t, measurement, values[0], chosen, moduli, odd, even, shift, nu, missing)
+        _draw(mean[t], root, c, points)
+        for k in range(parts.shape[0]):
+            given = parameters[parts[k, 3] : parts[k, 4]]
+            if call_over(parts[k, 5], points, 0, 2 * n + 1, seen, given, values, parts[k, 1], 0):
+                return (t * 256 + k) * 16 + RAISED
+        _differences(values, chosen, moduli, c, weight, odd, even, shift)
+        count = _innovation(t, measurement, values, chosen, moduli, odd, even, shift, nu, missing)
         if not (whole and count == m):
             went = whitening(t if noise.shape[0] > 1 else 0, noise, missing, omega, w)
             if went != OK:
@@ -78,16 +80,19 @@ def update(
 
 @inlined
 def _rooms(space: Any, n: int, m: int, full: int) -> Any:
-    """Return three vectors (n,), five (m,), values of three points, four (n, n), three (n, m) and six (m, m)."""
-    a = 3 * n
+    """Return two vectors (n,), five (m,), points and their values, four (n, n), three (n, m) and six (m, m)."""
+    count = 2 * n + 1
+    a = 2 * n
     b = a + 5 * m
-    d = b + 3 * full
+    g = b + count * n
+    d = g + count * full
     e = d + 4 * n * n
     f = e + 3 * n * m
     return (
-        space[:a].reshape(3, n),
+        space[:a].reshape(2, n),
         space[a:b].reshape(5, m),
-        space[b:d].reshape(3, full),
+        space[b:g].reshape(n, count),
+        space[g:d].reshape(full, count),
         space[d:e].reshape(4, n, n),
         space[e:f].reshape(3, n, m),
         space[f : f + 6 * m * m].reshape(6, m, m),
@@ -95,67 +100,41 @@ def _rooms(space: Any, n: int, m: int, full: int) -> Any:
 
 
 @inlined
-def _differences(
-    t: int,
-    mean: Any,
-    root: Any,
-    seen: Any,
-    parts: Any,
-    parameters: Any,
-    chosen: Any,
-    moduli: Any,
-    c: float,
-    weight: float,
-    point: Any,
-    values: Any,
-    odd: Any,
-    even: Any,
-    shift: Any,
-) -> int:
-    """Write the odd (m, n) and the even parts (n, m) of h(x +- c L e) - h(x), and the mean of h less h(x).
-
-    Return the number of the part that raised, or -1.
-    """
-    m, n = odd.shape
-    alone = root[:0]  # without a row: values alone
+def _draw(mean: Any, root: Any, c: float, points: Any) -> None:
+    """Write the mean x, all x + c L e and all x - c L e, side by side, (n, 2 n + 1)."""
+    n = mean.shape[0]
     for i in range(n):
-        point[i] = mean[t, i]
-    failed = evaluate(parts, parameters, point, seen, values[0], alone)
-    if failed >= 0:
-        return failed
+        here = mean[i]
+        points[i, 0] = here
+        for k in range(i + 1):
+            points[i, 1 + k], points[i, 1 + n + k] = here + c * root[i, k], here - c * root[i, k]
+        for k in range(i + 1, n):  # the columns to come are zero above their diagonal
+            points[i, 1 + k] = points[i, 1 + n + k] = here
+
+
+@inlined
+def _differences(
+    values: Any, chosen: Any, moduli: Any, c: float, weight: float, odd: Any, even: Any, shift: Any
+) -> None:
+    """Write the odd (m, n) and the even parts (n, m) of h(x +- c L e) - h(x), and the mean of h less h(x)."""
+    m, n = odd.shape
     for i in range(m):
-        shift[i] = 0.0
-    for k in range(n):
-        for i in range(k, n):
-            point[i] = mean[t, i] + c * root[i, k]
-        failed = evaluate(parts, parameters, point, seen, values[1], alone)
-        if failed >= 0:
-            return failed
-        for i in range(k, n):
-            point[i] = mean[t, i] - c * root[i, k]
-        failed = evaluate(parts, parameters, point, seen, values[2], alone)
-        if failed >= 0:
-            return failed
-        point[k] = mean[t, k]  # the columns to come are zero above their diagonal
-        for i in range(m):
-            row = chosen[i]
-            plus = wrapped(values[1, row] - values[0, row], moduli[i])
-            minus = wrapped(values[2, row] - values[0, row], moduli[i])
-            odd[i, k] = plus - minus
-            even[k, i] = 0.5 * (plus + minus)
-            shift[i] += even[k, i]
-    for i in range(m):
-        shift[i] *= 2.0 * weight
+        row, modulus = values[chosen[i]], moduli[i]
+        middle, total = row[0], 0.0
         for k in range(n):
-            odd[i, k] /= 2.0 * c
-    return -1
+            plus, minus = wrapped(row[1 + k] - middle, modulus), wrapped(row[1 + n + k] - middle, modulus)
+            odd[i, k] = (plus - minus) / (2.0 * c)
+            bend = 0.5 * (plus + minus)
+            even[k, i] = bend
+            total += bend
+        shift[i] = total * (2.0 * weight)
 
 
 @inlined
 def _innovation(
     t: int,
     measured: Any,
-    middle: Any,
+    values: Any,
     chosen: Any,
     moduli: Any,
     odd: Any,
@@ -168,7 +147,7 @@ def _innovation(
     m, n = odd.shape
     count = 0
     for i in range(m):
-        nu[i] = wrapped(measured[t, i] - middle[chosen[i]], moduli[i]) - shift[i]
+        nu[i] = wrapped(measured[t, i] - values[chosen[i], 0], moduli[i]) - shift[i]
         there = math.isfinite(nu[i])  # what is missing in one of the points is so in their mean
         missing[i] = 0.0 if there else 1.0
         count += there

@@ -75,12 +75,11 @@ class Linear:
         fit(program, states, np.empty((ports.platform_trials, ports.platforms, 6)))
         self._trials, self._each, n = ports.trials, update.each, states
         addresses = entry("predicting:by_matrix"), entry(update.name)
-        equations = program.parts, program.chosen, program.parameters, program.moduli
         self._always = (
             np.array([*addresses, *ports[:3]], dtype=np.int64),
             np.array(ports.rows, dtype=np.int64),
             plain(noise[None]),
-            *equations,
+            *update.equations(program),
             own,
             np.array(rule, dtype=float),
         )
