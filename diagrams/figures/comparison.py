@@ -36,21 +36,21 @@ def draw_comparison(found: Mapping[str, Any]) -> Figure:
     percent = f"{100 * found['confidence']:g} %"
     best = found["best"]
     when = "the end of each track" if found["time_s"] is None else f"{found['time_s']:g} s"
-    _dots(
+    beyond = _dots(
         panels[0],
         [rows[n]["rmse_position_m"] for n in names],
         [_won(best["rmse_position_m"], n) for n in names],
         f"position RMSE at {when} [m]",
     )
-    _dots(
+    beyond += _dots(
         panels[1],
         [rows[n]["efficiency"] for n in names],
         [False] * len(names),
         "RMSE / bound",
         hollow=[not rows[n]["efficiency_means_something"] for n in names],
     )
-    _dots(panels[2], [rows[n]["nees_per_state"] for n in names], [False] * len(names), "NEES / states")
-    _dots(panels[3], [_bare(rows[n]["cost_us"]) for n in names], [False] * len(names), "us per step")
+    beyond += _dots(panels[2], [rows[n]["nees_per_state"] for n in names], [False] * len(names), "NEES / states")
+    beyond += _dots(panels[3], [_bare(rows[n]["cost_us"]) for n in names], [False] * len(names), "us per step")
     for panel in panels[1:3]:
         panel.axvline(1.0, color="0.4", linewidth=1.0, zorder=0)
     bands = [rows[n]["nees_band"] for n in names]
@@ -66,6 +66,9 @@ def draw_comparison(found: Mapping[str, Any]) -> Figure:
         entries.append(_entry(_WINNER, "significantly the smallest"))
     if any(rows[n]["efficiency"]["value"] is not None and not rows[n]["efficiency_means_something"] for n in names):
         entries.append(_entry(_COLOUR, "truth moves unlike the filter's model: no efficiency", hollow=True))
+    if beyond:
+        words = f"infinite or off the scale: {beyond}"
+        entries.append(Line2D([], [], color=_FAINT, marker=">", linestyle="none", label=words))
     entries.append(Line2D([], [], color="0.6", alpha=0.4, linewidth=8, label=f"{percent} band of a consistent filter"))
     figure.legend(handles=entries, loc="outside lower center", ncols=2, frameon=False, fontsize=11)
     return figure
@@ -84,19 +87,21 @@ def _entry(colour: str, label: str, hollow: bool = False) -> Line2D:
     return Line2D([], [], color=colour, marker="o", markerfacecolor=face, linewidth=1.5, label=label)
 
 
-def _dots(axes: Any, entries: list[Any], won: list[bool], label: str, hollow: list[bool] | None = None) -> None:
-    """Draw one panel: a dot and its interval per row, on a logarithmic axis."""
+def _dots(axes: Any, entries: list[Any], won: list[bool], label: str, hollow: list[bool] | None = None) -> int:
+    """Draw one panel, a dot and its interval per row, on a logarithmic axis; return how many are off the scale."""
     values = [entry["value"] for entry in entries if entry["value"]]
     axes.set_xlabel(label)
     if not values:
         axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", color=_FAINT)
         axes.set_xticks([])
-        return
+        return 0
+    outside = 0
     edge = _WIDEST * min(values)
     for i, (entry, first) in enumerate(zip(entries, won, strict=True)):
         value = entry["value"]
         if value is None or value > edge:
-            axes.plot([edge], [i], ">", color=_FAINT, clip_on=False, zorder=3)
+            axes.plot(1.0, i, ">", color=_FAINT, clip_on=False, zorder=3, transform=axes.get_yaxis_transform())
+            outside += 1
             continue
         colour = _WINNER if first else _COLOUR
         low, high = (min(x, edge) if x is not None and np.isfinite(x) else edge for x in (entry["low"], entry["high"]))
@@ -114,3 +119,4 @@ def _dots(axes: Any, entries: list[Any], won: list[bool], label: str, hollow: li
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.tick_params(axis="x", which="both", labelsize=10)
     grid(axes)
+    return outside

@@ -89,7 +89,9 @@ def _draw(axis: Any, values: Any, rows: Mapping[str, Any], metric: str, group: M
         place = axis.transData + beside
         axis.vlines(values, low, high, color=look.color, linewidth=1.6, alpha=0.75, transform=place)
         dots = {"marker": look.marker, "markersize": look.markersize + 2}
-        label = labelled(name, span.told(centre))
+        missing = np.count_nonzero(np.isnan(centre))
+        none = [f"infinite or unknown at {missing} value{'' if missing == 1 else 's'}"] if missing else []
+        label = labelled(name, [*none, *span.told(centre, "value")])
         axis.plot(values, centre, label=label, transform=place, **dots, **look.line())
         mark_beyond(axis, values, centre, span, look.color)
     _include(axis, [part for name in group for part in curves[name]], values)

@@ -155,7 +155,7 @@ def test_spans():
     low = flat.copy()
     low[0] = 1e-9
     span = curve_span([low])
-    assert span.low == 1.0 and span.told(low) == ["below at 1 epochs"]
+    assert span.low == 1.0 and span.told(low) == ["below at 1 epoch"]
 
 
 def test_clouds_that_are_far_off_do_not_set_the_axes_either():
@@ -213,3 +213,19 @@ def test_orbits_are_seen_in_the_plane_of_the_target():
     # the last two epochs say where ahead is: half a step, 0.025, of turning off
     np.testing.assert_allclose(dots, np.broadcast_to([500.0, 0.0], dots.shape), atol=1e-6)
     assert along.get_xlabel() == "along the target's orbit [m]"
+
+
+def test_a_sweep_counts_and_marks_what_it_does_not_show():
+    found = swept(3)
+    names = list(found["estimators"])
+    lost = [{"value": 1e9, "low": 1e9, "high": 2e9}] * 3
+    gone = [*found["estimators"][names[1]]["rmse_position_m"][:2], {"value": None, "low": None, "high": None}]
+    for name, entries in zip(names[1:], (gone, lost), strict=True):
+        found["estimators"][name] = {**found["estimators"][name], "rmse_position_m": entries}
+    top = draw_sweep(found).axes[0]
+    assert top.get_ylim()[1] < 1e4
+    first, second, third = legend(top)[:3]
+    assert first == names[0] and second.endswith("\n   infinite or unknown at 1 value")
+    assert third.endswith("\n   above at 3 values, up to 1e+09")
+    marks = [line for line in top.lines if line.get_label() == "_beyond"]
+    assert {line.get_color() for line in marks} == {COLOURS[2]}

@@ -55,7 +55,7 @@ def test_the_error_of_a_station_against_the_passes():
     (axes,) = figure.axes
     assert figure.get_size_inches()[0] * figure.dpi == 1200 and axes.get_ylabel().endswith("[km]")
     np.testing.assert_allclose(axes.lines[0].get_xydata(), [[1, 50], [2, 20], [3, 10]])
-    assert legend(axes) == ["bias", "bias_drift\n   infinite at 1 epochs"]
+    assert legend(axes) == ["bias", "bias_drift\n   infinite at 1 epoch"]
 
 
 def test_contours_run_through_a_finer_grid_that_keeps_the_points_and_makes_no_peaks():

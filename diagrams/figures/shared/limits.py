@@ -68,15 +68,16 @@ class Span:
         with np.errstate(invalid="ignore"):
             return np.asarray(values < (0.0 if self.low is None else self.low)) | (values == 0)
 
-    def told(self, values: Array) -> list[str]:
-        """Return what a legend must say of a curve of which not all is drawn."""
+    def told(self, values: Array, unit: str = "epoch") -> list[str]:
+        """Return what a legend must say of a curve, a number for each `unit`, of which not all is drawn."""
         infinite = np.isposinf(values)
         above, below = self.above(values) & ~infinite, self.below(values)
-        found = [f"infinite at {infinite.sum()} epochs"] if infinite.any() else []
+        counts = [f"{part.sum()} {unit}{'' if part.sum() == 1 else 's'}" for part in (infinite, above, below)]
+        found = [f"infinite at {counts[0]}"] if infinite.any() else []
         if above.any():
-            found.append(f"above at {above.sum()} epochs, up to {values[above].max():.2g}")
+            found.append(f"above at {counts[1]}, up to {values[above].max():.2g}")
         if below.any():
-            found.append(f"below at {below.sum()} epochs")
+            found.append(f"below at {counts[2]}")
         return found
 
     def limit(self, axes: Any) -> None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import cycle
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from quietfix.diagrams.figures.shared.style import grid, new_figure
+from quietfix.diagrams.figures.shared.limits import reach
+from quietfix.diagrams.figures.shared.style import COLOURS, grid, new_figure
 from quietfix.systems.constants import SPEED_OF_LIGHT
 from quietfix.systems.earth.geodetic import ecef_to_geodetic, geodetic_to_ecef
 from quietfix.systems.geometry.wave_path import WavePath
@@ -18,7 +20,7 @@ __all__ = ["draw_differences", "draw_map"]
 
 Array = NDArray[np.float64]
 
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
+_DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)))
 
 
 def draw_differences(title: str, times: Array, pairs: Mapping[str, tuple[Array, Array, float]]) -> Figure:
@@ -34,7 +36,7 @@ def draw_differences(title: str, times: Array, pairs: Mapping[str, tuple[Array, 
     """
     figure, axes = new_figure(height=2 + 2 * len(pairs), rows=len(pairs), sharex=True)
     axes = np.atleast_1d(axes)
-    for panel, (name, (tdoa, sigma, true)), colour in zip(axes, pairs.items(), _COLOURS, strict=False):
+    for panel, (name, (tdoa, sigma, true)), colour in zip(axes, pairs.items(), cycle(COLOURS), strict=False):
         good = np.isfinite(tdoa)
         panel.errorbar(
             times[good],
@@ -71,10 +73,11 @@ def _hyperbolas(
     longitude, latitude = np.meshgrid(np.linspace(low[0], high[0], 300), np.linspace(low[1], high[1], 300))
     place = geodetic_to_ecef(np.radians(latitude), np.radians(longitude), 0.0)
     delay = path.length(np.linalg.norm(place[..., None, :] - stations, axis=-1)) / SPEED_OF_LIGHT
-    for (name, (pair, tdoa)), colour in zip(differences.items(), _COLOURS, strict=False):
+    for i, (name, (pair, tdoa)) in enumerate(differences.items()):
+        colour, dashes = COLOURS[i % len(COLOURS)], _DASHES[i // len(COLOURS) % len(_DASHES)]
         value = delay[..., pair[1]] - delay[..., pair[0]] - tdoa
-        axes.contour(longitude, latitude, value, levels=[0.0], colors=[colour], linewidths=1.4)
-        axes.plot([], [], color=colour, lw=1.4, label=name)
+        axes.contour(longitude, latitude, value, levels=[0.0], colors=[colour], linewidths=1.4, linestyles=[dashes])
+        axes.plot([], [], color=colour, lw=1.4, ls=dashes, label=name)
 
 
 def draw_map(
@@ -129,9 +132,18 @@ def draw_map(
     ring = 2 * np.sqrt(np.maximum(values, 0)) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     ellipse = ring @ vectors.T + end
     right.plot(*ellipse.T, color="#cc79a7", lw=1.6, label="its ellipse of two sigma")
-    right.set(xlabel=f"east of the {origin} [km]", ylabel=f"north of the {origin} [km]", title="fixes")
-    right.set_aspect("equal", adjustable="datalim")
-    right.margins(0.12)
+    edge, out = reach(singly)
+    more = f" ({out} of {len(singly)} windows beyond the edge, marked on it)" if out else ""
+    right.set(xlabel=f"east of the {origin} [km]", ylabel=f"north of the {origin} [km]", title=f"fixes{more}")
+    if edge is None:
+        right.set_aspect("equal", adjustable="datalim")
+        right.margins(0.12)
+    else:
+        edge = max(edge, 1.2 * float(np.abs(ellipse).max()))
+        far = np.abs(singly).max(axis=-1)
+        at = singly[far > edge] * (edge / far[far > edge, None])
+        right.plot(*at.T, "D", color="0.55", fillstyle="none", ms=6, clip_on=False, zorder=5)
+        right.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal")
     grid(right)
     right.legend(loc="best", framealpha=0.9)
     figure.suptitle(title)
