@@ -2,21 +2,18 @@
 
 import re
 import sys
-from pathlib import Path
 
 import pytest
 
 from quietfix.diagrams.assembly.find import find
 from quietfix.diagrams.verification.specification import read_specification
+from tests.site.paths import DOCS
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "docs" / "_ext"))
-
-from block_catalogue import found, pages  # noqa: E402
-from block_catalogue.ports import ports_of  # noqa: E402
-from block_catalogue.standing import standing  # noqa: E402
-from block_catalogue.tags import examples_of, tags  # noqa: E402
-from block_catalogue.words import has_equation, texts_of  # noqa: E402
+from block_catalogue import found, pages  # isort: skip
+from block_catalogue.ports import ports_of  # isort: skip
+from block_catalogue.standing import standing  # isort: skip
+from block_catalogue.tags import examples_of, tags  # isort: skip
+from block_catalogue.words import has_equation, texts_of  # isort: skip
 
 PASSED_ON = {
     "ArrivalGate", "CheckedTruth", "Complete", "Constant", "HandedRows", "Joined", "ModeSchedule", "Path",
@@ -33,7 +30,7 @@ MODELS = [
     for kind in (*found.measurements(), *found.motions(), *found.filters(), *found.starts())
     if kind.__name__ not in AROUND
 ]
-EXAMPLES = ROOT / "docs" / "catalogue" / "examples"
+EXAMPLES = DOCS / "catalogue" / "examples"
 SHOWN = {path.stem: path for path in EXAMPLES.glob("*.yaml")}
 PACKAGED = {path.stem: path for path in (EXAMPLES / "packaged").glob("*.yaml")}
 
