@@ -101,8 +101,8 @@ class Assembly:
         for name, block in self.estimators.items():
             if block.smoother is not None:
                 whole = block.HasOutputPort("whole")
-                ports = ("whole", "whole_covariance") if whole else ("estimate", "covariance")
-                ports += tuple(port for port in ("releases", "restarts") if port in block.tallies())
+                ports = ["whole", "whole_covariance"] if whole else ["estimate", "covariance"]
+                ports += [port for port in ("releases", "restarts") if port in block.tallies()]
                 known |= {f"{name}/{port}": block.GetOutputPort(port) for port in ports}
         late = ["arrival", *(f"{name}.dropped" for name in self.estimators)]
         known |= {signal.replace(".", "/"): self.bus[signal] for signal in late if signal in self.bus}

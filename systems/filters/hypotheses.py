@@ -138,28 +138,37 @@ def normalised(weights: Array) -> Array:
 
 
 def mixture(means: Array, covariances: Array, weights: Array) -> tuple[Array, Array]:
-    r"""Return mean and covariance of a Gaussian mixture.
+    r"""Return mean and covariance of a Gaussian mixture; where its parts are all alike, theirs to the last bit.
 
-    .. math:: \bar x = \sum_k w_k x_k, \qquad
-              \bar P = \sum_k w_k \left[P_k + (x_k - \bar x)(x_k - \bar x)^T\right]
+    .. math:: x = x_r + \sum_i w_i\,(x_i - x_r), \qquad
+              P = P_r + \sum_i w_i\,[P_i - P_r + (x_i - x)(x_i - x)^T]
+
+    with r the most probable part: the same as :math:`\sum w_i x_i` and
+    :math:`\sum w_i [P_i + (x_i - x)(x_i - x)^T]`, for the weights sum to 1.
 
     Parameters
     ----------
     means, covariances : ndarray, shapes (trials, K, n) and (trials, K, n, n)
         Not looked at where the weight is 0.
     weights : ndarray, shape (trials, K)
+        All 0 or NaN in a trial that is lost.
 
     Returns
     -------
     mean, covariance : ndarray, shapes (trials, n) and (trials, n, n)
-        NaN in a trial whose weights are all 0.
+        NaN in a trial that is lost.
     """
+    trials = np.arange(weights.shape[0])
     alive = weights > 0
-    x = np.where(alive[..., None], means, 0.0)
-    p = np.where(alive[..., None, None], covariances, 0.0)
-    mean = np.einsum("tk,tki->ti", weights, x)
-    apart = np.where(alive[..., None], x - mean[:, None], 0.0)
-    covariance = np.einsum("tk,tkij->tij", weights, p) + np.einsum("tk,tki,tkj->tij", weights, apart, apart)
+    best = np.argmax(np.where(alive, weights, 0.0), axis=-1)
+    weight = np.where(alive, weights, 0.0)
+    x, p = means[trials, best], covariances[trials, best]
+    off = np.where(alive[..., None], means - x[:, None], 0.0)
+    wider = np.where(alive[..., None, None], covariances - p[:, None], 0.0)
+    mean = x + np.einsum("tk,tki->ti", weight, off)
+    apart = np.where(alive[..., None], means - mean[:, None], 0.0)
+    spread = np.einsum("tk,tkij->tij", weight, wider) + np.einsum("tk,tki,tkj->tij", weight, apart, apart)
+    covariance = p + spread
     lost = ~alive.any(axis=-1)
     if lost.any():
         mean[lost], covariance[lost] = np.nan, np.nan

@@ -17,9 +17,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quietfix.systems.linear_algebra import cholesky, symmetric
+from quietfix.systems.linear_algebra import cholesky
 
-__all__ = ["combined", "finite_models", "innovation_likelihood", "mixed", "updated_probabilities"]
+__all__ = ["finite_models", "innovation_likelihood", "mixed", "updated_probabilities"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -28,43 +28,6 @@ Mask = NDArray[np.bool_]
 def finite_models(means: Array, covariances: Array) -> Mask:
     """Return which models' beliefs are finite, shape (trials, M), from (trials, M, n) and (trials, M, n, n)."""
     return np.asarray(np.isfinite(means).all(axis=-1) & np.isfinite(covariances).all(axis=(-1, -2)))
-
-
-def combined(means: Array, covariances: Array, probabilities: Array) -> tuple[Array, Array]:
-    r"""Return mean and covariance of all models together; where they are all alike, theirs to the last bit.
-
-    .. math:: x = x_r + \sum_i \mu_i\,(x_i - x_r), \qquad
-              P = P_r + \sum_i \mu_i\,[P_i - P_r + (x_i - x)(x_i - x)^T]
-
-    with r the most probable model: the same as the sums above, for the probabilities sum to 1.
-
-    Parameters
-    ----------
-    means, covariances : ndarray, shapes (trials, M, n) and (trials, M, n, n)
-        Not looked at where the probability is 0.
-    probabilities : ndarray, shape (trials, M)
-        NaN in a trial that is lost.
-
-    Returns
-    -------
-    mean, covariance : ndarray, shapes (trials, n) and (trials, n, n)
-        NaN in a trial that is lost.
-    """
-    trials = np.arange(probabilities.shape[0])
-    alive = probabilities > 0
-    best = np.argmax(np.where(alive, probabilities, 0.0), axis=-1)
-    weight = np.where(alive, probabilities, 0.0)
-    x, p = means[trials, best], covariances[trials, best]
-    off = np.where(alive[..., None], means - x[:, None], 0.0)
-    wider = np.where(alive[..., None, None], covariances - p[:, None], 0.0)
-    mean = x + np.einsum("tk,tki->ti", weight, off)
-    apart = np.where(alive[..., None], means - mean[:, None], 0.0)
-    spread = np.einsum("tk,tkij->tij", weight, wider) + np.einsum("tk,tki,tkj->tij", weight, apart, apart)
-    covariance = p + spread
-    lost = ~alive.any(axis=-1)
-    if lost.any():
-        mean[lost], covariance[lost] = np.nan, np.nan
-    return mean, symmetric(covariance)
 
 
 def mixed(means: Array, covariances: Array, probabilities: Array, transition: Array) -> tuple[Array, Array, Array]:

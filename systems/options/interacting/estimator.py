@@ -11,9 +11,8 @@ from quietfix.systems.estimators.base import Estimator
 from quietfix.systems.estimators.memory import Epoch, Innovation, Memory
 from quietfix.systems.estimators.wiring import Wiring
 from quietfix.systems.filters.gaussian import GaussianFilter
-from quietfix.systems.filters.hypotheses import normalised
+from quietfix.systems.filters.hypotheses import mixture, normalised
 from quietfix.systems.filters.interacting import (
-    combined,
     finite_models,
     innovation_likelihood,
     mixed,
@@ -126,7 +125,7 @@ class InteractingModels(Estimator):
         means, covariances, probabilities = self._tables(memory)
         if len(self.motions) == 1:
             return means[:, 0], covariances[:, 0]
-        return combined(means, covariances, probabilities)
+        return mixture(means, covariances, probabilities)
 
     # ---- a step
 
@@ -159,7 +158,7 @@ class InteractingModels(Estimator):
         likelihood[finite] = innovation_likelihood(prior[finite], result.covariance[finite], result.nis[finite])
         before = normalised(np.where(sound, probabilities, 0.0))
         posterior = self._memory(*after, updated_probabilities(before, likelihood.reshape(trials, k)))
-        together, spread = combined(means, covariances, before)
+        together, spread = mixture(means, covariances, before)
         there = finite_models(together[None], spread[None])[0]
         seen = self._update(together, spread, there, observation)
         return posterior, Innovation(seen.innovation, seen.nis, seen.nis_dof)
