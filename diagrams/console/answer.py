@@ -39,6 +39,8 @@ def answering(wanted: bool) -> Iterator[None]:
             yield
     finally:
         _answers.remove(answer)
+    if "notes" in answer:
+        answer["notes"] = answer.pop("notes")  # below the numbers
     print(json.dumps(plain(answer), indent=1, allow_nan=False))
 
 

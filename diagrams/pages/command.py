@@ -30,7 +30,9 @@ def report_command(result: Path, out: Path | None) -> dict[str, Any]:
     if result.name == "results.zarr":
         result = result.resolve().parent
     if not result.is_dir():
-        raise UserError(f"RESULT: {result} is not a result; a folder that run, compare, sweep or verify wrote")
+        begun = result.with_name(f"{result.name}.partial")
+        hint = f"; {begun} holds what an interrupted one has finished" if result.name and begun.is_dir() else ""
+        raise UserError(f"RESULT: {result} is not a result; a folder that run, compare, sweep or verify wrote{hint}")
     from quietfix.diagrams.pages.report import report_page
 
     path = out or Path(f"{result.resolve().name}.html")
