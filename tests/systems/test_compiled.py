@@ -13,21 +13,27 @@ import pytest
 from quietfix.diagrams.console import compiling as telling
 from quietfix.systems.filters.iterated_extended import IteratedExtendedKalman
 from quietfix.systems.filters.observation import Observation
+from quietfix.systems.filters.unscented import UnscentedKalman
 from quietfix.systems.filters.whitening import Whitener
 from quietfix.systems.kernels import compiling
 from quietfix.systems.kernels.calling import address_of, kernel
 from quietfix.systems.kernels.equations import equations_of, of_kernel, program
 from quietfix.systems.kernels.evaluating import linearized, values
 from quietfix.systems.kernels.loading import ready
+from quietfix.systems.kernels.particles.calls import residuals
 from quietfix.systems.kernels.progress import on_compiling
 from quietfix.systems.measurement.custom import CustomMeasurement
 from quietfix.systems.measurement.distance import Range
 from quietfix.systems.measurement.stack import Stack
 from quietfix.systems.measurement.tdoa import Tdoa
+from quietfix.systems.motion.constant_velocity import WhiteNoiseAcceleration
+from quietfix.systems.motion.custom import CustomMotion
 from tests.oracle.ranges import NumpyRange
 
 PLATFORMS = np.array([[[0.0, 0, 0, 0, 0, 0], [1e4, 0, 0, 0, 0, 0], [0, 1e4, 0, 0, 0, 0]]])
 STATES = np.array([[3e3, 4e3, 1e3, 10, 20, 0], [-5e3, 2e3, 2e3, 0, 5, 1], [1e3, 7e3, 500, -3, 0, 0]])
+
+ITERATED = IteratedExtendedKalman(3)
 
 
 @kernel
@@ -43,6 +49,14 @@ def squares(state, platforms, parameters, value, jacobian):
             raise ValueError("too far west")
         if state[1] < -1e6:
             value[k] = np.nan
+
+
+@kernel
+def scribbling(state, platforms, parameters, value, jacobian):
+    squares(state, platforms, parameters, value, jacobian)
+    if state[0] < 0.0:
+        for i in range(state.shape[0]):
+            state[i] = -1.0
 
 
 class Squares(NumpyRange):
@@ -65,6 +79,13 @@ class Squares(NumpyRange):
         return of_kernel(squares, self.stations, self.size, states=3, platforms=self.stations)
 
 
+class Scribbling(Squares):
+    """A kernel that writes into the state where that is in the west."""
+
+    def equations(self):
+        return of_kernel(scribbling, self.stations, self.size, states=3, platforms=self.stations)
+
+
 class Longer(Range):
     """A subclass that changes what is measured and says nothing of its equations."""
 
@@ -72,12 +93,12 @@ class Longer(Range):
         return super().predict(target, platforms) + 1e3
 
 
-def updated(model, states=STATES, platforms=PLATFORMS, seen=None):
+def updated(model, states=STATES, platforms=PLATFORMS, seen=None, algorithm=ITERATED):
     mean = states + np.array([50.0, -30, 20, 1, 0, -1])
     covariance = np.tile(np.diag([1e4] * 3 + [25.0] * 3), (len(mean), 1, 1))
     value = model.predict(states if seen is None else seen, platforms)
     told = Observation(value, platforms, Whitener(model.noise_covariance()))
-    return IteratedExtendedKalman(3).update(mean, covariance, told, model)
+    return algorithm.update(mean, covariance, told, model)
 
 
 def test_a_users_kernel_is_the_model_in_numpy(monkeypatch):
@@ -90,6 +111,24 @@ def test_a_users_kernel_is_the_model_in_numpy(monkeypatch):
     monkeypatch.setattr("quietfix.systems.filters.iterated_extended.program", lambda model: None)
     for one, other in zip(compiled, updated(model), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("algorithm", [IteratedExtendedKalman(1), IteratedExtendedKalman(3), UnscentedKalman()])
+def test_a_kernel_that_writes_into_the_state_harms_no_other_trial(algorithm):
+    stack = [Tdoa(1e-8), Range(1.0, [1])]
+    good, bad = (updated(Stack([kind([0, 2]), *stack]), algorithm=algorithm) for kind in (Squares, Scribbling))
+    others = STATES[:, 0] > 0
+    for one, other in zip(good, bad, strict=True):
+        np.testing.assert_array_equal(one[others], other[others])
+    assert not np.array_equal(good.mean, bad.mean)
+
+
+def test_particles_of_a_kernel_that_writes_into_the_state_harm_no_other_trial():
+    clouds, measured = np.repeat(STATES[:, :, None], 600, axis=2), np.zeros((3, 2))
+    models = Squares([0, 2]), Scribbling([0, 2])
+    good, bad = (residuals(program(model), clouds.copy(), measured, PLATFORMS) for model in models)
+    others = STATES[:, 0] > 0
+    np.testing.assert_array_equal(good.rows[others], bad.rows[others])
 
 
 def test_a_subclass_that_measures_something_else_is_asked_itself():
@@ -350,6 +389,16 @@ def test_a_users_model_that_is_asked_in_numpy_is_logged_once(monkeypatch, caplog
         f"{NumpyRange.__module__}:NumpyRange: no equations: it is asked in NumPy and its derivatives are central "
         "differences",
     ]
+
+
+def test_a_users_motion_without_a_transition_is_logged_once(monkeypatch, caplog):
+    monkeypatch.setattr("quietfix.systems.kernels.progress._said", set())
+    motion, path = WhiteNoiseAcceleration(1.0), "mine:Wandering"
+    with caplog.at_level(logging.INFO, "quietfix"):
+        for has in (True, False, False):
+            CustomMotion(motion, has_transition=has, path=path).check(STATES, 1.0)
+    line = f"{path}: no transition: its derivatives are central differences"
+    assert [record.message for record in caplog.records if "no transition" in record.message] == [line]
 
 
 @pytest.mark.parametrize("terminal", [False, True])
