@@ -16,10 +16,27 @@ from block_catalogue.tags import examples_of, tags  # isort: skip
 from block_catalogue.words import has_equation, texts_of  # isort: skip
 
 PASSED_ON = {
-    "ArrivalGate", "CheckedTruth", "Complete", "Constant", "HandedRows", "Joined", "ModeSchedule", "Path",
-    "PlayedRows", "Preview", "Receiver", "RecordedFlight", "RecordedIq", "RecordedMeasurements", "RecordedTruth",
-    "Recorder", "TrackPaths", "TrackTruth", "Transmitter",
-}  # fmt: skip
+    "ArrivalGate",
+    "CheckedTruth",
+    "Complete",
+    "Constant",
+    "HandedRows",
+    "Joined",
+    "ModeSchedule",
+    "Path",
+    "PlayedLate",
+    "PlayedRows",
+    "Preview",
+    "Receiver",
+    "RecordedFlight",
+    "RecordedIq",
+    "RecordedMeasurements",
+    "RecordedTruth",
+    "Recorder",
+    "TrackPaths",
+    "TrackTruth",
+    "Transmitter",
+}
 """Blocks that pass numbers on, or play or interpolate records: no equation of their own is asked of them."""
 
 AROUND = {"FedStart"}

@@ -29,6 +29,7 @@ from quietfix.systems.playback.track_paths import TrackPaths
 from quietfix.systems.playback.track_truth import TrackTruth
 from quietfix.systems.recorder import Recorder
 from quietfix.systems.sensors.handed_rows import HandedRows
+from quietfix.systems.sensors.played_late import PlayedLate
 from quietfix.systems.sensors.played_rows import PlayedRows, TableTrack
 from quietfix.systems.sensors.recorded import RecordedMeasurements, Recording
 from quietfix.systems.signal_chain.channel_phases import ChannelPhaseSensor
@@ -108,6 +109,7 @@ def _alone() -> Iterator[EnsembleBlock]:
     yield HandedRows(np.eye(rows), scaled=True)
     yield Orbit(np.tile([7e6, 0, 0, 0, 7.5e3, 0], (2, 1)))
     yield PlayedRows([TableTrack(Times(times), np.zeros((5, rows)), np.ones((5, rows)))], np.eye(rows))
+    yield PlayedLate([TableTrack(Times(times), np.zeros((5, rows)), None, np.tile(times[:, None], rows) + 1)], 3.0)
     yield RecordedFlight(_flight())
     yield RecordedIq(samples, clock, 10)
     yield RecordedMeasurements(
