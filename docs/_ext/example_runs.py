@@ -183,12 +183,13 @@ def _start(page: Path, folder: Path, result: Path) -> int:
     try:
         began = time.perf_counter()
         wrong = _run_page(page, folder)
-        result.write_text(json.dumps({"wrong": wrong, "took_s": round(time.perf_counter() - began, 1)}))
+        took = {"took_s": round(time.perf_counter() - began, 1), "cpu_s": round(sum(os.times()[:4]), 1)}
+        result.write_text(json.dumps({"wrong": wrong, **took}))
         status = 0
     except BaseException:
         import traceback
 
-        result.write_text(json.dumps({"wrong": [(0, traceback.format_exc())], "took_s": 0}))
+        result.write_text(json.dumps({"wrong": [(0, traceback.format_exc())], "took_s": 0, "cpu_s": 0}))
     finally:
         os._exit(status)
 
@@ -213,7 +214,7 @@ def run_pages(pages: Iterable[Path], jobs: int = 2) -> dict[Path, dict]:
     Returns
     -------
     dict
-        Of each page that has examples: ``wrong``, lines and what is wrong there, and ``took_s``.
+        Of each page that has examples: ``wrong``, lines and what is wrong there, ``took_s`` and ``cpu_s``.
     """
     code, found, waiting = _code(), {}, []
     for page in pages:
@@ -248,7 +249,7 @@ def main(arguments: list[str]) -> int:
     pages = [Path(name).resolve() for name in arguments]
     status = 0
     for page, result in run_pages(pages, int(os.environ.get("JOBS", "2"))).items():
-        print(f"{page.relative_to(ROOT)}: {result['took_s']} s")
+        print(f"{page.relative_to(ROOT)}: {result['took_s']} s, {result['cpu_s']} s of processor time")
         for line, wrong in result["wrong"]:
             status = 1
             print(f"{page}:{line}: {wrong}")
