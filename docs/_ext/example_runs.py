@@ -30,7 +30,9 @@ DOCS = Path(__file__).resolve().parents[1]
 ROOT = DOCS.parent
 PLACE = Path(os.environ.get("QUIETFIX_EXAMPLES") or DOCS / "_build" / "examples")
 LONGEST_S = 300
-NOT_SAID = re.compile(r"compiling numerical kernels|numerical kernels are compiled|quietfix: \S+: \d+ of \d+ [a-z]+(, .*)?$")
+NOT_SAID = re.compile(
+    r"compiling numerical kernels|numerical kernels are compiled|quietfix: \S+: \d+ of \d+ [a-z]+(, .*)?$"
+)
 """What is printed once for a machine, and how far a slow one has come."""
 _SLOW_IMPORTS = (
     "matplotlib.pyplot",

@@ -108,6 +108,9 @@ def _alone() -> Iterator[EnsembleBlock]:
     yield StraightLine(state)
     yield HandedRows(np.eye(rows), scaled=True)
     yield Orbit(np.tile([7e6, 0, 0, 0, 7.5e3, 0], (2, 1)))
+    yield PlayedLate(
+        [TableTrack(Times(times), np.zeros((5, rows)), np.ones((5, rows)), arrival=np.zeros((5, rows)))], 9.0
+    )
     yield PlayedRows([TableTrack(Times(times), np.zeros((5, rows)), np.ones((5, rows)))], np.eye(rows))
     yield PlayedLate([TableTrack(Times(times), np.zeros((5, rows)), None, np.tile(times[:, None], rows) + 1)], 3.0)
     yield RecordedFlight(_flight())
