@@ -231,11 +231,22 @@ def _units(
         return own
     if (name, out) in notes.units:
         return notes.units[name, out]
-    for source, port, sink, at in edges:
-        size = blocks[source].GetOutputPort(port).size()
-        if depth and sink == name and at == out and size == block.GetOutputPort(out).size():
-            return _units(blocks, source, port, edges, notes, depth - 1)
-    return []
+    inputs = [(source, port, at) for source, port, sink, at in edges if sink == name]
+    size = _rows(block, out)
+    handed = [(source, port) for source, port, at in inputs if at == out and _rows(blocks[source], port) == size]
+    if not handed and sum(_rows(blocks[source], port) for source, port, _ in inputs) == size:
+        handed = [(source, port) for source, port, _ in inputs]  # what joins signals
+    if not depth:
+        return []
+    return [unit for source, port in handed for unit in _units(blocks, source, port, edges, notes, depth - 1)]
+
+
+def _rows(block: System, out: str) -> int:
+    """Return how many numbers of each trial are on an output."""
+    port = block.GetOutputPort(out)
+    if port.get_data_type() != PortDataType.kVectorValued:
+        return 0
+    return int(block.output_size(out)[1] if isinstance(block, EnsembleBlock) else port.size())
 
 
 # ---------------------------------------------------------------------------------------------------- text and cells

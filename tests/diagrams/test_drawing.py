@@ -85,6 +85,13 @@ def test_wires_say_how_many_trials_and_numbers_and_in_which_units(made):
     assert said("sensor", "phase_resolver", diagram_dot(diagram, notes=wired.notes()))[0].startswith("trials ")
 
 
+def test_what_joins_signals_has_the_units_of_all(tmp_path):
+    study = Study("dual_satellite:signal", estimators=["iekf"])
+    text = diagram_dot(study.picture, notes=study.probe.notes(20))
+    assert ">20 \N{MULTIPLICATION SIGN} 4: rad, s, Hz</FONT>" in text
+    assert ">object</FONT>" in text  # samples travel as one
+
+
 def test_estimators_that_are_wired_alike_share_a_box(made):
     diagram, wired = made
     found = boxes(diagram_dot(diagram, notes=wired.notes()))
