@@ -70,9 +70,13 @@ class BatchEstimator(Estimator):
         wiring: Wiring,
     ) -> None:
         if motion.input_size:
-            raise ValueError(f"estimators.{name}: a window is not allowed where the motion is driven by its own estimate")
+            raise ValueError(
+                f"estimators.{name}: a window is not allowed where the motion is driven by its own estimate"
+            )
         if wiring.tails is not None:
-            raise ValueError(f"estimators.{name}: a window is not allowed where the noise has tails; edit_sigmas leaves rows out")
+            raise ValueError(
+                f"estimators.{name}: a window is not allowed where the noise has tails; edit_sigmas leaves rows out"
+            )
         self.epochs, self.rule = epochs, rule
         super().__init__(name, model, motion, start, wiring)
 
