@@ -15,7 +15,7 @@ from quietfix.diagrams.assembly.find import find, systems
 from quietfix.diagrams.own.fields.schema import OwnScenario
 from quietfix.diagrams.own.fields.sensors import KINDS
 from quietfix.diagrams.schema.reading import Field, fields_of, options_of
-from quietfix.diagrams.verification.specification import Specification
+from quietfix.diagrams.verification.specification import Specification, read_specification
 
 __all__ = ["Example", "Tag", "default_words", "examples", "examples_of", "tags", "type_words"]
 
@@ -130,10 +130,24 @@ def examples() -> dict[str, list[Example]]:
     found: dict[str, list[Example]] = {}
     for folder in _FOLDERS:
         for path in sorted((ROOT / folder).glob("*.yaml")):
+            _load(path)
             text = path.read_text(encoding="utf-8")
             node = yaml.compose(text, Loader=yaml.SafeLoader)
             _collect(node, None, text, f"{folder}/{path.name}", "", found)
     return found
+
+
+def _load(path: Path) -> None:
+    """Load a file as the commands do; what is wrong with it is an error of the site."""
+    name, _, rest = path.name.partition(".")
+    if rest.endswith("requirements.yaml"):
+        read_specification(path)
+    elif path.parent.name == "packaged":
+        find(name).system.load(None, path)
+    elif path.parent.name == "scenarios":
+        find(name).system.load(rest.removesuffix("yaml").removesuffix(".") or None)
+    else:
+        find(str(path)).system.load()
 
 
 def examples_of(tag: Tag) -> list[Example]:
