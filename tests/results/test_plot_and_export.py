@@ -23,12 +23,17 @@ def real(tmp_path_factory):
     return root
 
 
+def drawn(folder):
+    """Figures and the block diagram of a folder, by name."""
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in (".png", ".svg")}
+
+
 @pytest.mark.parametrize("name", ["run", "compare", "sweep"])
 def test_figures_are_the_same_again_to_the_last_byte(real, name, capsys):
     found = told(capsys, "plot", real / name, "--out", real / f"{name}-again")
-    pictures = {path.name: path.read_bytes() for path in (real / name).glob("*.png")}
+    pictures = drawn(real / name)
     assert pictures and found["left_out"] == {}
-    assert {path.name: path.read_bytes() for path in (real / f"{name}-again").glob("*.png")} == pictures
+    assert drawn(real / f"{name}-again") == pictures
     assert ("diagram.svg" in found["figures"]) == (real / name / "diagram.svg").exists()
     assert "holds an earlier result" in refused(capsys, "plot", real / name, "--out", real / f"{name}-again")
 
