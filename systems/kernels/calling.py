@@ -50,8 +50,8 @@ def kernel(function: Callable[..., Any]) -> Any:
 
     It is compiled by numba when it is first needed, and writes its rows into `value` (m,) and their derivatives into
     `jacobian` (m, n), which come filled with zeros; without a row where only the value is asked for. `state` is
-    (n,), `platforms` (p, 6), `parameters` what the model says. None of the three is to be written to: `state` is where an
-    estimator has it, and what is written there spoils that trial, though no other.
+    (n,), `platforms` (p, 6), `parameters` what the model says. None of the three is to be written to: `state` is where
+    an estimator has it, and what is written there spoils that trial, though no other.
 
     Raises
     ------
