@@ -18,13 +18,15 @@ __all__ = ["curves", "estimators", "verdicts"]
 
 _MOST_EPOCHS = 800
 _CONFIDENCE = 0.95
-_DASHES = ("solid", "dash", "dot", "dashdot")
+_DASHES = ("solid", "dash", "dashdot", "longdash", "longdashdot")  # dots are bounds
+_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down")
 
 
 def estimators(dataset: xr.Dataset) -> list[dict[str, str]]:
-    """Return names, colours and dashes of the estimators, the same in every part of the page."""
+    """Return names, colours, dashes and symbols of the estimators, the same in every part of the page."""
+    looks = {"color": COLOURS, "dash": _DASHES, "symbol": _SYMBOLS}  # their counts have no common factor: 35 looks
     return [
-        {"name": str(name), "color": COLOURS[i % len(COLOURS)], "dash": _DASHES[i % len(_DASHES)]}
+        {"name": str(name), **{what: kinds[i % len(kinds)] for what, kinds in looks.items()}}
         for i, name in enumerate(dataset["estimator"].values)
     ]
 

@@ -12,6 +12,7 @@ from quietfix.diagrams.commands.command_line import main
 from quietfix.diagrams.figures.shared.limits import reach
 from quietfix.diagrams.figures.shared.views import error_axes
 from quietfix.diagrams.pages.courses import courses, final_errors
+from quietfix.diagrams.pages.curves import estimators
 from quietfix.diagrams.pages.numbers import rounded, thinned
 from quietfix.diagrams.pages.picture import inline_svg
 from quietfix.diagrams.pages.places import views
@@ -225,3 +226,12 @@ def test_a_page_of_many_estimators_and_trials_is_small(tmp_path):
     told = numbers(page)
     assert len(told["curves"]["quantities"][0]["rmse"]) == 12
     assert told["courses"]["left_out"] > 0 and len(told["courses"]["trials"]) > 30
+
+
+def test_no_two_of_many_estimators_look_alike():
+    names = [f"filter_{i}" for i in range(30)]
+    found = estimators(made_dataset(names=tuple(names), trials=2))
+    assert [one["name"] for one in found] == names
+    for what in ("dash", "symbol"):
+        assert len({(one["color"], one[what]) for one in found}) == len(names), what
+    assert "dot" not in {one["dash"] for one in found}  # bounds are dotted

@@ -158,3 +158,42 @@ def test_in_the_dark(browser):
         until(lambda: browser.execute_script(script) == "#14181d", 10)
     finally:
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+
+
+def test_tables_fit_on_a_desktop_and_on_paper(browser):
+    widths = (
+        "return [...document.querySelectorAll('.wide:has(table)')].map((box) => [box.scrollWidth, box.clientWidth])"
+    )
+    for width, media in ((1280, ""), (718, "print")):  # of an A4 sheet without its margins
+        metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": media})
+        try:
+            found = browser.execute_script(widths)
+            assert found and all(needed <= there for needed, there in found), (media, found)
+        finally:
+            browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+            browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_ticks_of_a_logarithm_are_whole_numbers(browser):
+    drawn(browser, "error-plot")
+    if not element(browser, "error-log").is_selected():
+        element(browser, "error-log").click()
+    script = "return [...document.querySelectorAll('#error-plot .ytick text')].map((text) => Number(text.textContent))"
+    ticks = browser.execute_script(script)
+    low, high = browser.execute_script("return document.getElementById('error-plot')._fullLayout.yaxis.range")
+    assert ticks and all(10**low <= tick <= 10**high for tick in ticks), (ticks, low, high)
+
+
+def test_names_of_platforms_do_not_lie_on_each_other(browser):
+    drawn(browser, "view-0")
+    script = """return [...document.querySelectorAll('#view-0 .textpoint text')]
+        .filter((text) => text.textContent)
+        .map((text) => [text.textContent, text.getBoundingClientRect()])
+        .map(([said, box]) => [said, box.left, box.right, box.top, box.bottom])"""
+    found = browser.execute_script(script)
+    assert {name for text, *_ in found for name in text.split(", ")} == {f"satellite_{i}" for i in range(3)}
+    for i, (_, left, right, top, bottom) in enumerate(found):
+        for _, its_left, its_right, its_top, its_bottom in found[:i]:
+            assert right < its_left or its_right < left or bottom < its_top or its_bottom < top, found

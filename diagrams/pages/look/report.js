@@ -113,7 +113,8 @@
     );
   };
 
-  const log = (on) => (on ? { type: "log", dtick: undefined } : { type: "linear" });
+  // few ticks, and whole numbers at them: with more of them Plotly writes bare digits, a 5 for 500
+  const log = (on) => (on ? { type: "log", dtick: undefined, nticks: 4, tickformat: "~g" } : { type: "linear" });
 
   const draw = (id, traces, layout) => {
     const { ink, paper } = look();
@@ -198,12 +199,32 @@
     });
   }
 
+  // the names of platforms that start so close together that theirs would lie on each other stand at the first of them
+  const named_together = (view) => {
+    const platforms = view.tracks.filter((track) => track.kind !== "target" && track.x[0] !== null);
+    const reach = ["x", "y"].map((key, k) => {
+      if (view.shown) return 0.08 * Math.abs(view.shown[k][1] - view.shown[k][0]);
+      const all = view.tracks.flatMap((track) => track[key]).filter((v) => v !== null);
+      return 0.08 * (all.reduce((a, b) => Math.max(a, b), -Infinity) - all.reduce((a, b) => Math.min(a, b), Infinity));
+    });
+    const groups = [];
+    platforms.forEach((track) => {
+      const near = groups.find(
+        ([first]) => Math.abs(first.x[0] - track.x[0]) <= 1.6 * reach[0] && Math.abs(first.y[0] - track.y[0]) <= reach[1]
+      );
+      if (near) near.push(track);
+      else groups.push([track]);
+    });
+    const few = (names) => names.slice(0, 3).join(", ") + (names.length > 3 ? " + " + (names.length - 3) : "");
+    return new Map(groups.map((group) => [group[0], few(group.map((track) => track.name))]));
+  };
+
   function views() {
     data.views.forEach((view, i) => {
       const seen = new Set();
       const traces = [];
-      // names of what starts side by side, as satellites do, stand on different sides
       const sides = ["top center", "bottom center", "middle right", "middle left"];
+      const labels = named_together(view);
       let places = -1;
       if (view.coast && view.coast.x.length) {
         traces.push({
@@ -219,9 +240,12 @@
           ...shared, x: track.x, y: track.y, mode: "lines", name: group, showlegend: !seen.has(group),
           line: { color, width: target ? 2.5 : 1.5 },
         });
+        const label = labels.get(track);
+        const side = label === undefined || label === track.name ? sides[(places += label ? 1 : 0) % sides.length] : "bottom right";
         traces.push({
-          ...shared, x: track.x.slice(0, 1), y: track.y.slice(0, 1), mode: target ? "markers" : "markers+text",
-          textposition: sides[(places += target ? 0 : 1) % sides.length], textfont: { size: 11 }, showlegend: false, marker: { color, size: 8 }, name: track.name,
+          ...shared, x: track.x.slice(0, 1), y: track.y.slice(0, 1), mode: label ? "markers+text" : "markers", text: label || track.name,
+          hovertemplate: track.name + "<br>%{x}, %{y}<extra></extra>", textposition: side, textfont: { size: 11 }, showlegend: false,
+          marker: { color, size: 8 }, name: track.name,
         });
         seen.add(group);
       });
@@ -239,9 +263,9 @@
   let all_ends = false;
   function ends() {
     const { last, estimators } = data;
-    const traces = estimators.map(({ name, color }) => ({
+    const traces = estimators.map(({ name, color, symbol }) => ({
       x: last.clouds[name].x, y: last.clouds[name].y, text: last.trials.map((n) => "trial " + n), name, mode: "markers",
-      hovertemplate: "%{text}<br>%{x}, %{y} m", marker: { color: shade(color), size: 6, opacity: 0.75 },
+      hovertemplate: "%{text}<br>%{x}, %{y} m", marker: { color: shade(color), symbol, size: 6, opacity: 0.75 },
     }));
     traces.push({ x: [0], y: [0], name: "truth", mode: "markers", marker: { symbol: "cross-thin", size: 16, line: { width: 2, color: look().ink } } });
     const range = last.edge === null || all_ends ? {} : { range: [-last.edge, last.edge] };
@@ -299,7 +323,7 @@
     const final = courses.final[e][t];
     at("trial-note").textContent =
       name + ", trial " + shown + (picks.length ? " (" + picks.join(", ") + " at the end)" : "") + ": position error at the end " +
-      (final === null ? "infinite or unknown" : final + " m") + ".";
+      (final === null ? "infinite or unknown" : Number(final.toPrecision(4)) + " m") + ".";
     ["worst", "median", "best"].forEach((what) => at("trial-" + what).setAttribute("aria-pressed", String(picks.includes(what))));
     const [first, second, third] = courses.axes.map((axis_name) => column(e, t, axis_name));
     const ground = [
@@ -338,7 +362,7 @@
       { x: courses.time, y: column(e, t, "nees").map((v) => (v === null ? null : v / freedom)), name: "NEES per component", mode: "lines", line: { color, width: 2 } },
       { x: courses.time, y: column(e, t, "nis"), name: "NIS per row", mode: "lines", line: { color, width: 1.2, dash: "dot" } },
     ];
-    draw("trial-residuals", residuals, { xaxis: axis(data.curves.axis), yaxis: axis("NEES, NIS", { rangemode: "tozero" }), legend: { orientation: "h", y: -0.3 } });
+    draw("trial-residuals", residuals, { xaxis: axis(data.curves.axis), yaxis: axis("NEES, NIS", { rangemode: "tozero" }), legend: { orientation: "h", y: -0.5 } });
   }
 
   function start_trials() {
