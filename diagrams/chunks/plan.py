@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -10,7 +11,12 @@ from typing import Any
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.schema.scenario import read_yaml
 
-__all__ = ["Plan", "differences"]
+__all__ = ["Plan", "differences", "even"]
+
+_CHUNK_BYTES = 1e8  # of recorded signals; a log, its stacked copy and the Dataset stand beside each other
+_LARGEST_CHUNK = 2000  # trials; wider arrays leave the processor's cache and gain nothing
+_NARROW = 100  # trials: below them an epoch costs nearly the same however many there are, so more memory pays
+_NARROW_BYTES = 4e8  # of a chunk of so few
 
 
 @dataclass(frozen=True)
@@ -110,3 +116,20 @@ def _shown(value: Any) -> str:
     if value is _NONE:
         return "nothing"
     return repr(value) if len(repr(value)) <= 80 else repr(value)[:77] + "..."
+
+
+def even(count: int, trial_bytes: float, widest: int | None) -> int:
+    """Return how many of so many trials to run at once, so that the memory of a chunk is bounded.
+
+    Parameters
+    ----------
+    count : int
+    trial_bytes : float
+        What is recorded of a trial.
+    widest : int, optional
+        The most that a system allows.
+    """
+    fits = max(_CHUNK_BYTES / trial_bytes, min(_NARROW, _NARROW_BYTES / trial_bytes))
+    most = max(1, min(count, widest or _LARGEST_CHUNK, int(fits)))
+    # Chunks of equal width: the last one runs full and is cut, which wastes up to a whole chunk.
+    return math.ceil(count / math.ceil(count / most))

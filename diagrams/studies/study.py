@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
@@ -22,7 +21,7 @@ from quietfix.diagrams.assembly.recorded import Report
 from quietfix.diagrams.assembly.system import System
 from quietfix.diagrams.chunks.jobs import Tell
 from quietfix.diagrams.chunks.part import Part, added
-from quietfix.diagrams.chunks.plan import Plan
+from quietfix.diagrams.chunks.plan import Plan, even
 from quietfix.diagrams.console.progress import Progress
 from quietfix.diagrams.schema.errors import UserError, choose, in_users_words
 from quietfix.diagrams.schema.origins import origins_of
@@ -50,9 +49,7 @@ __all__ = ["Study"]
 
 Array = NDArray[np.float64]
 
-_CHUNK_BYTES = 1e8  # of recorded signals; a log, its stacked copy and the Dataset stand beside each other
 _WORTH = 1.1  # a diagram that was built is used again unless the run would cost more than this many times as much
-_LARGEST_CHUNK = 2000  # trials; wider arrays leave the processor's cache and gain nothing
 
 
 class Study:
@@ -143,9 +140,7 @@ class Study:
             return 1
         if self._asked_chunk:
             return self._asked_chunk
-        fits = max(1, min(count, self.model.widest or _LARGEST_CHUNK, int(_CHUNK_BYTES / self.trial_bytes)))
-        # Chunks of equal width: the last one runs full and is cut, which wastes up to a whole chunk.
-        return math.ceil(count / math.ceil(count / fits))
+        return even(count, self.trial_bytes, self.model.widest)
 
     # ---- building
 
