@@ -26,6 +26,7 @@ Mask = NDArray[np.bool_]
 
 _DOUBT = 2  # refusals, one after the other, of what a start has never passed: two gross errors are rarer than one
 _SHARP = 4.0  # variance from the belief over that of the noise
+_SETTLED = 1.0 - 1e-9  # of `passed`, which is a sum of equal shares
 _LASTING = ("rejected", "releases", "starts")
 
 
@@ -42,7 +43,8 @@ class GatedKalman(KalmanEstimator):
       begins from a measurement.
 
     Before the first pass, all rows together are tested where the start took a measurement (its gross error shows in
-    no row by itself); a belief that was given has taken none, and there each row is tested by itself.
+    no row by itself); a belief that was given has taken none, and there each row is tested by itself, with
+    ``per: epoch`` until the belief is sharp or `release_after` epochs in a row were likely as a whole.
 
     Missing rows are neither refused nor passed. ``nis`` and ``nis_dof`` are over the rows used; whether the filter is
     ``lost`` is judged by all that were there, for what passes a gate is never surprising.
@@ -119,11 +121,14 @@ class GatedKalman(KalmanEstimator):
         seen = screen(mean, covariance, observation, self.model)
         nis, rows = normalised(seen)
         refused, there = self.gate.refused(seen, nis, rows)
-        fresh = np.flatnonzero((there & (memory["passed"] == 0)).any(axis=-1))
+        passed = memory["passed"]
+        fresh = np.flatnonzero((there & (memory["passed"] < _SETTLED)).any(axis=-1))
         if fresh.size and self.beginning and self.gate.per == "row":
             refused[fresh] |= self._at_odds(seen, refused, fresh)
         if fresh.size and not self.beginning and self.gate.per == "epoch":
+            likely = ~refused
             refused[fresh] &= self._beyond_doubt(seen, rows, fresh)
+            passed = self._settling(memory["passed"], there, likely)
         belief = {group: memory[group] for group in super().memory_sizes()}
         refusals, releases, doubt = memory["refusals"], memory["releases"], np.zeros((mean.shape[0], 1))
         if refused.any():
@@ -140,7 +145,7 @@ class GatedKalman(KalmanEstimator):
         posterior, innovation = super().update(belief, observation, epoch)
         counts = {
             "refusals": np.where(passes, 0.0, refusals),
-            "passed": np.where(passes & self._sharp(seen), 1.0, memory["passed"]),
+            "passed": np.where(passes & self._sharp(seen), 1.0, passed),
             "rejected": memory["rejected"] + (refused & np.isfinite(seen.innovation)),
             "releases": releases,
             "starts": memory["starts"],
@@ -172,6 +177,15 @@ class GatedKalman(KalmanEstimator):
         ratio = (np.where(there, seen.innovation[fresh], 0.0) ** 2 / spread).max(axis=-1, initial=0.0)
         beyond: Mask = self._sharp(seen)[fresh] | self.gate.improbable(ratio, rows[fresh])[:, None]
         return beyond
+
+    def _settling(self, passed: Array, there: Mask, likely: Mask) -> Array:
+        """Return `passed` after an epoch: a belief has settled when `release_after` epochs in a row were likely.
+
+        Where rows share what moves freely (the bias of a beacon's oscillator) it is never sharp for a row by itself,
+        and would be taken for a belief that is still wide until the end of the run.
+        """
+        gained = np.where(likely, passed + 1.0 / self.gate.release_after, 0.0)
+        return np.where(there & (passed < _SETTLED), np.minimum(gained, 1.0), passed)
 
     def _sharp(self, seen: Screened) -> Mask:
         """Return which tests tell of the start (trials, tests): before it a row was known about as well as it measures.

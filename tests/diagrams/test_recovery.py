@@ -53,6 +53,19 @@ def test_a_wide_prior_is_no_reason_to_refuse(per):
     assert entry["ever_lost"] == 0
 
 
+def test_rows_that_share_a_free_bias_are_tested_together():
+    """The beacon's bias may go anywhere at every step: only all stations together show one of them to be wrong.
+
+    No row is ever known as well by the belief as it measures, and the gate has to close all the same.
+    """
+    settings = {"stop_s": 56.0, "sensor.errors.outlier_rate": 0.05}
+    settings["estimators.gated"] = "!Ukf {gate: {probability: 0.999, per: epoch}}"
+    result = run_study("beacon_rocket", estimators=["ukf", "gated"], trials=4, set=settings)
+    entries = summarise(result)
+    assert entries["gated"]["rejected_rows"] > 200
+    assert np.mean(entries["gated"]["nees_mean"][60:]) < 0.5 * np.mean(entries["ukf"]["nees_mean"][60:])
+
+
 @pytest.mark.slow
 def test_gross_errors_behind_a_gate_at_full_size():
     """1000 trials: the paired 95 % interval of the RMSE's ratio lies below 1.3, NEES within 20 %, nobody is lost."""
