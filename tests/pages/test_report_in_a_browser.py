@@ -161,9 +161,7 @@ def test_in_the_dark(browser):
 
 
 def test_tables_fit_on_a_desktop_and_on_paper(browser):
-    widths = (
-        "return [...document.querySelectorAll('.wide:has(table)')].map((box) => [box.scrollWidth, box.clientWidth])"
-    )
+    widths = "return [...document.querySelectorAll('.wide:has(table)')].map((b) => [b.scrollWidth, b.clientWidth])"
     for width, media in ((1280, ""), (718, "print")):  # of an A4 sheet without its margins
         metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from quietfix.diagrams.commands.results import difference
+from quietfix.diagrams.commands.results.asked import asked_lines
 from quietfix.diagrams.commands.results.difference import compared
 from quietfix.diagrams.commands.results.trials import Ends
 from tests.results.made import dataset, quietfix, refused, told, write
@@ -120,3 +121,28 @@ def test_lost_trials_and_those_that_never_started():
     assert found["ratio"]["value"] is None and found["nees_b"]["value"] is None
     assert (found["diverged_b"], found["not_started_a"]) == (1, 1) and not found["identical"]
     assert found["b_closer"] == {"value": 0.0, "low": 0.0, "high": pytest.approx(0.975), "trials": 1}
+
+
+def test_what_was_asked_is_told_in_the_words_of_the_files():
+    files = '{"cone.py": "sha256:%s", "kept.py": "sha256:3"}'
+    was = {"system": "own.yaml", "system_file": "/a/own.yaml", "system_fingerprint": "sha256:1", "keep": "estimates"}
+    now = {**was, "system_fingerprint": "sha256:2", "system_files": files % "7", "seed": 1}
+    was["scenario"] = "sensors: {tdoa: !Tdoa {sigma_ns: 30.0, mask: null}}\nwidth: 4\n"
+    now["scenario"] = (
+        "sensors:\n  tdoa: !Tdoa {sigma_ns: 60.0, mask: null}\n  line: !Custom {class: 'cone:Cone', every_s: 0.5,"
+        " gate: null, errors: {rate: 0.0}, platforms: [delta]}\nwidth: 4\n"
+    )
+    assert asked_lines(was, now) == [
+        "sensors.tdoa.sigma_ns: 30 in A, 60 in B",
+        "sensors.line: only in B: !Custom {class: cone:Cone, every_s: 0.5, platforms: [delta]}",
+        "seed: only in B: 1",
+        "file cone.py: only in B",
+        "file kept.py: only in B",
+        "file own.yaml: has changed between A and B",
+    ]
+    changed = {**now, "system_files": files % "8"}
+    assert asked_lines(now, changed) == ["file cone.py: has changed between A and B"]
+    assert asked_lines(now, now) == []
+    ones, twos = ({"scenario": "".join(f"f{k}: {value}\n" for k in range(30))} for value in (1, 2))
+    told = asked_lines(ones, twos)
+    assert (len(told), told[0], told[-1]) == (21, "f0: 1 in A, 2 in B", "10 fields more, which --json has")

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from quietfix.diagrams.chunks.plan import differences
+from quietfix.diagrams.commands.results.asked import asked_lines
 from quietfix.diagrams.commands.results.difference import MANY, compared
 from quietfix.diagrams.commands.results.opened import Opened, chosen, opened, reading
 from quietfix.diagrams.commands.results.trials import Ends, ends_of, of_a_sweep
@@ -52,7 +53,7 @@ def diff_command(a: Path, b: Path, at: float | None, estimators: Sequence[str] |
     if asked_for_json():
         return
     print_table(_table(first, second, told))
-    for line in _notes(told):
+    for line in _notes(told, asked_lines(_asked_of(first, second), _asked_of(second, first))):
         say(line)
 
 
@@ -132,13 +133,19 @@ def _until(result: Opened, at: float | None) -> tuple[xr.Dataset, float | None]:
     return dataset.isel(time=slice(place + 1)), float(times[place])
 
 
+def _asked_of(result: Opened, other: Opened) -> dict[str, Any]:
+    """Return what was asked for, of what the two can differ in."""
+    found = {key: value for key, value in result.dataset.attrs.items() if key not in _APART}
+    both = [one.dataset.attrs for one in (result, other)]
+    own = all(one.get("system_source") == "yaml" for one in both)
+    if both[0].get("system") != both[1].get("system") and not own:  # their scenarios have other fields
+        found.pop("scenario", None)
+    return found
+
+
 def _asked(first: Opened, second: Opened) -> list[tuple[str, str, str]]:
     """Return the fields in which what was asked for differs."""
-    was, now = (
-        {key: value for key, value in one.dataset.attrs.items() if key not in _APART} for one in (first, second)
-    )
-    if was.get("system") != now.get("system"):  # their scenarios have other fields
-        was, now = ({key: value for key, value in one.items() if key != "scenario"} for one in (was, now))
+    was, now = _asked_of(first, second), _asked_of(second, first)
     found = list(differences(was, now))
     within = any(key not in was and key not in now for key, _, _ in found)  # of the scenario, by their dotted keys
     return [one for one in found if not (within and one[0] == "scenario")]
@@ -180,8 +187,8 @@ def _percent(share: Mapping[str, float]) -> str:
     return f"{100 * share['value']:.3g} % ({100 * share['low']:.3g}-{100 * share['high']:.3g})"
 
 
-def _notes(told: Mapping[str, Any]) -> list[str]:
-    """Return what a reader of the table must know."""
+def _notes(told: Mapping[str, Any], asked: Sequence[str]) -> list[str]:
+    """Return what a reader of the table must know, with what was asked for differently."""
     rows = [one for row in told["estimators"].values() for one in (row if isinstance(row, list) else [row])]
     if told["paired"]:
         how = f"Paired: {told['trials_in_common']} trials have the same noise in both."
@@ -198,7 +205,7 @@ def _notes(told: Mapping[str, Any]) -> list[str]:
         f"{how}{when} In brackets: {100 * told['confidence']:g} % intervals ({by}); *: B/A is not 1 by chance, each "
         f"ratio for itself.{closer} NEES/n: 1 is consistent."
     ]
-    lines += [f"asked: {one['field']}: {one['a']} in A, {one['b']} in B" for one in told["asked"]]
+    lines += [f"asked: {line}" for line in asked]
     same = [name for name, row in told["estimators"].items() if not isinstance(row, list) and row.get("identical")]
     if same:
         lines.append(f"the same errors to the last bit: {', '.join(same)}")
