@@ -24,6 +24,7 @@ from quietfix.diagrams.pages.places import last_errors, views
 from quietfix.diagrams.pages.scenario import scenario_lines
 from quietfix.diagrams.schema.errors import UserError
 from quietfix.diagrams.statistics.metrics import summarise
+from quietfix.diagrams.studies.marker import refuse_changed
 from quietfix.diagrams.studies.results import open_result
 from quietfix.diagrams.studies.store import read_attributes
 from quietfix.diagrams.tables.comparison import comparison_notes, comparison_table
@@ -94,6 +95,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _of_store(folder: Path, told: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
     """Return what the template needs of a result that has trials."""
+    refuse_changed(folder, "report")
     dataset = open_result(folder)
     if "system" not in dataset.attrs:
         raise UserError(f"RESULT: {folder} is damaged: its results.zarr names no system")
@@ -116,7 +118,7 @@ def _of_store(folder: Path, told: Mapping[str, dict[str, Any]]) -> dict[str, Any
         if "sweep" in told:
             return page | _sweep(told["sweep"], page["data"])
         return page | _study(dataset, folder, told.get("compare"), page["data"])
-    except (KeyError, TypeError, IndexError) as error:
+    except (KeyError, TypeError, IndexError, RuntimeError) as error:  # RuntimeError: of what cannot be decompressed
         why = f"no {error.args[0]}" if isinstance(error, KeyError) and error.args else str(error)
         raise UserError(f"RESULT: {folder} is damaged, or of another version ({why})") from error
 

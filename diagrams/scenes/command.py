@@ -61,7 +61,10 @@ def play_command(
     dataset = _opened(Path(what), asked) if _is_result(what) else _run(what, estimators, asked, written)
     from quietfix.diagrams.scenes.scene import scene_of
 
-    scene = scene_of(dataset, estimators, trial)
+    try:
+        scene = scene_of(dataset, estimators, trial)
+    except RuntimeError as error:  # of what cannot be decompressed
+        raise UserError(f"play: {what} cannot be read ({' '.join(str(error).split())})") from error
     tell(title=scene.title, trial=scene.trial)
     told: list[dict[str, Any]] = []
     if written.czml is not None:
@@ -128,10 +131,12 @@ def _is_result(what: str) -> bool:
 
 
 def _opened(folder: Path, asked: Mapping[str, Any]) -> xr.Dataset:
+    from quietfix.diagrams.studies.marker import refuse_changed
     from quietfix.diagrams.studies.results import open_result
 
     for name in asked:
         raise UserError(f"--{name}: it is not allowed with a result, which is played as it is; for a system")
+    refuse_changed(folder.parent if folder.suffix == ".zarr" else folder, "play", folder)
     return open_result(folder)
 
 

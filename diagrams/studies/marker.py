@@ -39,6 +39,7 @@ __all__ = [
     "lock",
     "plain",
     "read_mark",
+    "refuse_changed",
     "refuse_strangers",
     "strangers",
     "sweep_halves",
@@ -322,3 +323,26 @@ def refuse_strangers(folder: Path, mark: Mark) -> None:
     """Refuse a folder in which a file was added or changed."""
     if others := strangers(folder, mark):
         raise UserError(f"--out: {folder} holds other files ({', '.join(others[:3])}); choose a new folder")
+
+
+def refuse_changed(folder: Path, command: str, shown: Path | None = None) -> None:
+    """Refuse a result of which an array is missing, or is not what was written; one without a marker passes.
+
+    Parameters
+    ----------
+    folder : Path
+    command : str
+        Which command wants it, for messages.
+    shown : Path, optional
+        How it was named; by default as `folder`.
+
+    Raises
+    ------
+    UserError
+        Naming the first such file.
+    """
+    mark = read_mark(folder, command)
+    for name, was in ((mark.files if mark is not None else None) or {}).items():
+        if name.startswith("results.zarr/") and (now := fingerprint_of(folder / name)) != was:
+            how = "was changed" if now else "is missing"
+            raise UserError(f"{command}: {shown or folder} is damaged: {name} {how} since it was written")

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from base64 import b64decode
 from types import SimpleNamespace
 
@@ -20,6 +21,7 @@ from quietfix.diagrams.pages.report import report_page
 from quietfix.diagrams.quantities.frame import FRAMES
 from quietfix.diagrams.scale.asked import for_a_page
 from quietfix.diagrams.statistics.state_errors import errors
+from quietfix.diagrams.studies.marker import MARKER
 from quietfix.diagrams.studies.results import open_result
 from tests.results.made import dataset as made_dataset
 from tests.results.made import write
@@ -161,8 +163,6 @@ def test_bad_input_is_one_line(arguments, said, capsys, tmp_path, monkeypatch):
 
 
 def test_a_damaged_result_is_one_line(result, tmp_path, capsys):
-    import shutil
-
     copy = tmp_path / "copy"
     shutil.copytree(result, copy)
     (copy / "summary.json").write_text('{"estimators": {"iekf": {}}}')
@@ -235,3 +235,16 @@ def test_no_two_of_many_estimators_look_alike():
     for what in ("dash", "symbol"):
         assert len({(one["color"], one[what]) for one in found}) == len(names), what
     assert "dot" not in {one["dash"] for one in found}  # bounds are dotted
+
+
+@pytest.mark.parametrize("marked", [True, False])
+def test_a_damaged_array_is_one_line(marked, result, tmp_path, capsys):
+    copy = tmp_path / "copy"
+    shutil.copytree(result, copy)
+    part = next(path for path in sorted((copy / "results.zarr" / "estimate" / "c").rglob("*")) if path.is_file())
+    part.write_bytes(b"not what was written")
+    if not marked:
+        (copy / MARKER).unlink()
+    code, found = status(["report", copy, "--out", tmp_path / "a.html"], capsys)
+    assert code == 2 and found.err.count("\n") == 1 and str(copy) in found.err
+    assert ("estimate/c" in found.err) == marked and not (tmp_path / "a.html").exists()

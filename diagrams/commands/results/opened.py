@@ -18,7 +18,7 @@ from quietfix.diagrams.chunks.ledger import read_plan
 from quietfix.diagrams.cloud.mirrored import fetched
 from quietfix.diagrams.cloud.place import is_url
 from quietfix.diagrams.schema.errors import UserError, choose
-from quietfix.diagrams.studies.marker import MARKER, fingerprint_of, read_mark
+from quietfix.diagrams.studies.marker import MARKER, read_mark, refuse_changed
 from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION, check_version
 from quietfix.diagrams.studies.results import find_store, open_result
 
@@ -96,11 +96,7 @@ def opened(path: Path, command: str) -> Opened:
     if mark is not None and not (folder / "results.zarr").is_dir():
         raise UserError(f"{command}: {path} is a result of `quietfix {mark.kind}` without trials; one of {_KINDS}")
     find_store(path)
-    if mark is not None and mark.files is not None:
-        for name, was in mark.files.items():
-            if name.startswith("results.zarr/") and (now := fingerprint_of(folder / name)) != was:
-                how = "was changed" if now else "is missing"
-                raise UserError(f"{command}: {path} is damaged: {name} {how} since it was written")
+    refuse_changed(folder, command, path)
     with reading(path, command):
         dataset = open_result(path)
     if (version := check_version(dataset.attrs, f"{command}: {path}")) < SCHEMA_VERSION:
