@@ -174,6 +174,9 @@ def test_what_an_interrupted_run_has_finished_can_be_looked_at(tmp_path, capsys)
     with pytest.raises(KeyboardInterrupt), OutputFolder(tmp_path / "d") as output:
         output.append(made.isel(trial=slice(4)))
         raise KeyboardInterrupt
+    shutil.copytree(tmp_path / "d.partial", tmp_path / "e.partial")
+    shutil.rmtree(tmp_path / "e.partial" / "results.zarr")  # as a run by chunks leaves it
+    assert "unfinished work of `quietfix run`" in refused(capsys, "inspect", tmp_path / "e.partial")
     found = told(capsys, "inspect", tmp_path / "d.partial")
     assert found["trials"] == 4 and len(found["estimators"]["iekf"]["trials"]) == 4
     json.dumps(found, allow_nan=False)

@@ -94,6 +94,11 @@ def opened(path: Path, command: str) -> Opened:
     if mark is None and os.path.lexists(folder / MARKER):
         raise UserError(f"{command}: {path}: its {MARKER} is damaged, or no marker of a result")
     if mark is not None and not (folder / "results.zarr").is_dir():
+        if not mark.finished:
+            raise UserError(
+                f"{command}: {path} is the unfinished work of `quietfix {mark.kind}`; go on with it first "
+                f"(`quietfix {mark.kind} ... --resume {folder.with_suffix('')}`)"
+            )
         raise UserError(f"{command}: {path} is a result of `quietfix {mark.kind}` without trials; one of {_KINDS}")
     find_store(path)
     refuse_changed(folder, command, path)
