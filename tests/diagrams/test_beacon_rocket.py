@@ -121,7 +121,7 @@ def test_the_ground_is_drawn_in_the_launch_frame():
 
     data = study("experiment_1", trials=2, estimators=("ukf", "ukf_unaugmented"), settings=("stop_s=90",))
     left, right = draw_ground(data).axes[:2]
-    assert left.get_xlabel() == "down-range X [km]" and right.get_ylabel() == "across Z [m]"
+    assert left.get_xlabel() == "down-range X [km]" and right.get_ylabel() == "up [km]"
     reach = np.concatenate([line.get_xdata() for line in left.lines])
     assert reach.max() == pytest.approx(1000.0, rel=0.02)  # the farthest station, not a longitude
 

@@ -2,6 +2,7 @@
 
 import ast
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -15,7 +16,6 @@ from quietfix.diagrams.commands.judging.verifying import verify_command
 from quietfix.diagrams.schema.scenario import read_yaml
 from quietfix.diagrams.verification.specification import read_specification
 from tests.diagrams.test_command_line import in_process
-from tests.test_readme import BLOCKS
 
 KINDS = [*(("--template", template) for template in new.TEMPLATES), ("--python",)]
 
@@ -58,7 +58,7 @@ def test_limits_come_from_the_system_without_a_template_too(capsys, folder):
     assert "tdoa" in read_yaml(folder / "mine.yaml")["sensors"]
 
 
-def test_the_module_is_that_of_the_readme():
+def test_the_module_is_that_of_the_page():
     """But for docstrings, comments and the name of the object."""
 
     def bare(text):
@@ -70,7 +70,8 @@ def test_the_module_is_that_of_the_readme():
                 del body[0]
         return ast.unparse(tree)
 
-    (block,) = [block for block in BLOCKS if block.startswith("# mine.py")]
+    page = (Path(__file__).parents[2] / "docs" / "tasks" / "python_system.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(# mine\.py\n.*?)```", page, re.DOTALL)
     written = bare(new.new_files("four_stations", python=True)["four_stations.py"])
     assert written.replace("SYSTEM", "DRONE").replace("four_stations", "drone") == bare(block)
 

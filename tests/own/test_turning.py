@@ -130,7 +130,10 @@ MISTAKES = [
     (f"{ALONE}, filter: !Pf {{}}", "filter: !Pf is not known"),
     (f"{ALONE}, filter: !Ekf {{measurements: [tdoa]}}", "filter.measurements: not allowed here"),
     (f"{ALONE}, filter: !Ekf {{gate: {{}}}}", "filter: Ekf is not allowed as it stands here"),
-    (f"{ALONE}, transitions: !Sojourn {{mean_s: {{a: 1}}}}, restart: true", "restart: true is not allowed here"),
+    (
+        f"{ALONE}, transitions: !Sojourn {{mean_s: {{a: 1}}}}, restart: true",
+        "restart: true is not allowed where the start is a prior",
+    ),
 ]
 
 
