@@ -119,7 +119,7 @@ def tried(tmp_path, monkeypatch):
     """Figures are left out: they are the slowest, and written at the end into the folder that is not finished."""
     pytest.importorskip("distributed")
     monkeypatch.setattr(running, "_illustrate", illustrate)
-    for name in ("style.save", "comparison.draw_comparison", "sweep.draw_sweep", "study_figures"):
+    for name in ("shared.style.save", "comparison.draw_comparison", "sweep.draw_sweep", "study_figures"):
         monkeypatch.setattr(f"quietfix.diagrams.figures.{name}", lambda *arguments: None)
     monkeypatch.setattr("quietfix.diagrams.commands.judging.verifying.save", lambda *arguments: None)
     (tmp_path / "logs").mkdir()
