@@ -21,10 +21,9 @@ from quietfix.diagrams.pages.report import report_page
 from quietfix.diagrams.quantities.frame import FRAMES
 from quietfix.diagrams.scale.asked import for_a_page
 from quietfix.diagrams.statistics.state_errors import errors
-from quietfix.diagrams.studies.marker import MARKER
 from quietfix.diagrams.studies.results import open_result
+from tests.results.made import damaged, write
 from tests.results.made import dataset as made_dataset
-from tests.results.made import write
 
 
 @pytest.fixture(scope="module")
@@ -239,12 +238,7 @@ def test_no_two_of_many_estimators_look_alike():
 
 @pytest.mark.parametrize("marked", [True, False])
 def test_a_damaged_array_is_one_line(marked, result, tmp_path, capsys):
-    copy = tmp_path / "copy"
-    shutil.copytree(result, copy)
-    part = next(path for path in sorted((copy / "results.zarr" / "estimate" / "c").rglob("*")) if path.is_file())
-    part.write_bytes(b"not what was written")
-    if not marked:
-        (copy / MARKER).unlink()
+    copy = damaged(result, tmp_path / "copy", marked)
     code, found = status(["report", copy, "--out", tmp_path / "a.html"], capsys)
     assert code == 2 and found.err.count("\n") == 1 and str(copy) in found.err
     assert ("estimate/c" in found.err) == marked and not (tmp_path / "a.html").exists()

@@ -1,11 +1,13 @@
 """Results on disk that are made by hand, and the command that is run on them."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
 
 from quietfix.diagrams.commands import command_line
+from quietfix.diagrams.studies.marker import MARKER
 from quietfix.diagrams.studies.output import OutputFolder
 from quietfix.diagrams.studies.result_schema import SCHEMA_VERSION
 from tests.diagrams.results import result
@@ -67,3 +69,13 @@ def dataset(**options):
         measured_rows=("trial", np.full(made.sizes["trial"], 3), {"rows": 5}),
     )
     return made.assign_attrs(ATTRIBUTES | {"trials": made.sizes["trial"]})
+
+
+def damaged(result, copy, marked=True):
+    """Copy a result to `copy`, with one chunk of its estimates spoilt; without its marker unless `marked`."""
+    shutil.copytree(result, copy)
+    part = next(path for path in sorted((copy / "results.zarr" / "estimate" / "c").rglob("*")) if path.is_file())
+    part.write_bytes(b"not what was written")
+    if not marked:
+        (copy / MARKER).unlink()
+    return copy

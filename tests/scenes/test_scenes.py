@@ -1,7 +1,6 @@
 """Scenes in space: their numbers are those of the result, and the stage keeps shapes."""
 
 import dataclasses
-import shutil
 
 import numpy as np
 import pytest
@@ -15,10 +14,10 @@ from quietfix.diagrams.scenes.scene import scene_of
 from quietfix.diagrams.scenes.stage import SIZE, staged, step_below
 from quietfix.diagrams.scenes.timing import timing_of
 from quietfix.diagrams.schema.errors import UserError
-from quietfix.diagrams.studies.marker import MARKER
 from quietfix.diagrams.studies.results import open_result
 from quietfix.diagrams.studies.whole import run_study
 from quietfix.systems.earth.geodetic import ecef_to_geodetic
+from tests.results.made import damaged
 
 PLACE = list(POSITION)
 
@@ -212,12 +211,7 @@ def test_bad_input_is_one_line(arguments, said, result, capsys, tmp_path, monkey
 
 @pytest.mark.parametrize("marked", [True, False])
 def test_a_damaged_array_is_one_line(marked, result, tmp_path, capsys):
-    copy = tmp_path / "copy"
-    shutil.copytree(result, copy)
-    part = next(path for path in sorted((copy / "results.zarr" / "estimate" / "c").rglob("*")) if path.is_file())
-    part.write_bytes(b"not what was written")
-    if not marked:
-        (copy / MARKER).unlink()
+    copy = damaged(result, tmp_path / "copy", marked)
     code, found = status(["play", copy, "--html", tmp_path / "a.html"], capsys)
     assert code == 2 and found.err.count("\n") == 1 and str(copy) in found.err
     assert ("estimate/c" in found.err) == marked and not (tmp_path / "a.html").exists()
